@@ -44,8 +44,8 @@ def scoreboard(
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.output_files import input_files
     from palpate.validation.peers.board import compute_board
-    from palpate.validation.peers.board_kept import Kept
     from palpate.validation.peers.board_page import write_board
+    from palpate.validation.peers.board_runs import Cache
     from palpate.validation.peers.registry import Peer, peers_on_board
     from palpate.validation.run_folder import require_run_folder, run_folder
 
@@ -65,7 +65,7 @@ def scoreboard(
     board = compute_board(
         everybody,
         cases,
-        Kept(folder),
+        Cache(folder),
         time_limit=time_limit,
         progress=progress_lines(),
         processes=processes,

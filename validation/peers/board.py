@@ -2,7 +2,7 @@
 
 Simulators of others run side by side, each a process of its own; truths under other laws are
 solved here meanwhile, one after the other. What is quick comes first, so that a call that is
-interrupted has kept most of the answers.
+interrupted has cached most of the results.
 """
 
 from __future__ import annotations
@@ -11,23 +11,19 @@ import datetime
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 from palpate.meshes.material_law import Law
 from palpate.validation.case import Case
-from palpate.validation.peers import board_words as words
 from palpate.validation.peers.board_judge import Score, judge_run
-from palpate.validation.peers.board_kept import Kept
-from palpate.validation.peers.board_own_steps import OwnSteps
-from palpate.validation.peers.board_runs import Run, Status, is_kept, run_entry, warm_up
-from palpate.validation.peers.board_truths import Truth, case_under, find_truth
+from palpate.validation.peers.board_references import OwnSteps, Truth, case_under, find_truth
+from palpate.validation.peers.board_runs import Cache, Run, Status, is_cached, run_entry, warm_up
 from palpate.validation.peers.registry import Peer
 from palpate.validation.states import Progress, Verdict
 
-# A motion takes about as long as so many statics of its mesh; only the order hangs on it.
+# A motion takes about as long as so many statics of its mesh; only the order depends on it.
 _STEPS_OF_A_MOTION = 10.0
 
 
@@ -57,23 +53,19 @@ class Board:
     minutes: float
     processor_minutes: float
 
-    def score(self, entry: Peer, case: Case) -> Score:
-        """Of one simulator on one case."""
-        return self.scores[entry.name, case.path.stem]
-
     def of_entry(self, entry: Peer) -> list[Score]:
         """Its scores, in the order of the cases."""
-        return [self.score(entry, case) for case in self.cases]
+        return [self.scores[entry.name, case.path.stem] for case in self.cases]
 
     def of_case(self, case: Case) -> list[Score]:
         """Of everybody, in their order."""
-        return [self.score(entry, case) for entry in self.entries]
+        return [self.scores[entry.name, case.path.stem] for entry in self.entries]
 
 
 def compute_board(
     entries: Sequence[Peer],
     cases: Sequence[Case],
-    kept: Kept,
+    cache: Cache,
     *,
     time_limit: float,
     progress: Progress,
@@ -84,111 +76,89 @@ def compute_board(
     Args:
         entries: Who is asked.
         cases: What they are asked.
-        kept: What is there already, and where new answers go.
+        cache: What is there already, and where new results go.
         time_limit: Of one run [s].
         progress: Called with one line for each thing done.
         processes: How many things are done at once; as many as there are cores where None.
     """
     begin, spent = time.monotonic(), _processor_seconds()
+    lock, processes = threading.Lock(), processes or _cores()
+
+    def say(line: str) -> None:
+        """Lines of several threads, each with the minutes since the start."""
+        minutes, seconds = divmod(int(time.monotonic() - begin), 60)
+        with lock:
+            progress(f"{minutes:2d}:{seconds:02d} {line}")
+
     absent = [e for e in entries if e.is_outside and e.command_line() is None]
     for entry in absent:
         progress(f"{entry.name}: {entry.why_missing()}")
     present = [entry for entry in entries if entry not in absent]
-    clock = _Clock(begin, progress)
-    under = _under_laws(cases, present)
+    # Every case under every entry's law and under its own; each body is made once.
+    under = {
+        (case.path.stem, law): case_under(case, law)
+        for case in cases
+        for law in {case.spec.material.law, *(entry.law for entry in present)}
+    }
     asked = [(entry, case) for case in sorted(cases, key=_cost) for entry in present]
     runs: dict[tuple[str, str], Run] = {}
-    for entry, case in asked:  # by this process, whose time is told while it does nothing else
-        if not entry.is_outside:
-            name = case.path.stem
-            runs[entry.name, name] = run_entry(
-                entry, under[name, entry.law], kept, time_limit, clock.say
-            )
-    for entry in (one for one in present if one.compiles):
-        missing = (
-            of
-            for who, case in asked
-            if who is entry
-            and not is_kept(entry, of := under[case.path.stem, entry.law], kept, time_limit)
-        )
-        any(warm_up(entry, of, clock.say) for of in missing)  # until one can be posed to it
     truths: dict[tuple[str, Law], Truth] = {}
-    rooms = threading.Semaphore(processes or _cores())
+    at_once = threading.Semaphore(processes)
 
-    def answer(entry: Peer, case: Case) -> tuple[Case, Run]:
-        with rooms:
-            asked_of = under[case.path.stem, entry.law]
-            return case, run_entry(entry, asked_of, kept, time_limit, clock.say)
+    def run(entry: Peer, case: Case) -> None:
+        name = case.path.stem
+        runs[entry.name, name] = run_entry(entry, under[name, entry.law], cache, time_limit, say)
+
+    def run_beside(entry: Peer, case: Case) -> tuple[Peer, Case]:
+        with at_once:
+            run(entry, case)
+        return entry, case
 
     def need(case: Case, law: Law) -> None:
         of = under[case.path.stem, law]
         key = case.path.stem, of.problem.material.law
         if key not in truths:
-            with rooms:
-                clock.say(f"truth of {of.name}")
-                truths[key] = find_truth(of, kept, clock.say)
+            with at_once:
+                say(f"truth of {of.name}")
+                truths[key] = find_truth(of, cache, say)
 
-    with _pool(processes or _cores()) as pool:
-        # Under another law first: its truth is solved here while the others run.
-        outside = [(e, c) for e, c in asked if e.is_outside]
-        outside.sort(key=lambda one: (_cost(one[1]), one[0].law is one[1].spec.material.law))
-        laws = {entry.name: entry.law for entry in present}
-        waiting = [pool.submit(answer, *one) for one in outside]
+    for entry, case in asked:  # by this process, whose time is read while it does nothing else
+        if not entry.is_outside:
+            run(entry, case)
+    for entry in (one for one in present if one.compiles):
+        bodies = [under[case.path.stem, entry.law] for who, case in asked if who is entry]
+        missing = (of for of in bodies if not is_cached(entry, of, cache, time_limit))
+        any(warm_up(entry, of, say) for of in missing)  # until one can be posed to it
+    # Under another law first: its truth is solved here while the others run.
+    outside = [(entry, case) for entry, case in asked if entry.is_outside]
+    outside.sort(key=lambda one: (_cost(one[1]), one[0].law is one[1].spec.material.law))
+    pool = ThreadPoolExecutor(processes)
+    try:
+        waiting = [pool.submit(run_beside, *one) for one in outside]
         for case in cases:
             need(case, case.spec.material.law)
         for future in as_completed(waiting):
-            case, run = future.result()
-            runs[run.entry, case.path.stem] = run
-            if run.status is Status.ANSWERED:
-                need(case, laws[run.entry])
-    clock.say("every run has ended; judged now")
+            entry, case = future.result()
+            if runs[entry.name, case.path.stem].status is Status.ANSWERED:
+                need(case, entry.law)
+    finally:  # nothing more begins where something goes wrong here
+        pool.shutdown(cancel_futures=True)
+    say("every run has ended; judged now")
     scores: dict[tuple[str, str], Score] = {}
-    own_steps = OwnSteps(kept, clock.say)
+    own_steps = OwnSteps(cache, say)
     for entry, case in asked:
-        name, own = case.path.stem, case.problem.material.law
-        of = under[name, entry.law]
-        truth = truths.get((name, of.problem.material.law), Truth(of, why="nobody asked"))
-        scores[entry.name, name] = _judged(
-            runs[entry.name, name], entry, truth, truths.get((name, own), truth), own_steps
-        )
-        clock.say(told(scores[entry.name, name]))
+        name, of = case.path.stem, under[case.path.stem, entry.law]
+        law = of.problem.material.law
+        truth = truths.get((name, law), Truth(of, why="nobody asked"))
+        of_case = truths.get((name, case.problem.material.law), truth)
+        score = _judged(runs[entry.name, name], entry, truth, of_case, own_steps)
+        scores[entry.name, name] = score
+        say(line_on(score))
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes")
     minutes = (time.monotonic() - begin) / 60.0
     processor = (_processor_seconds() - spent) / 60.0
-    clock.say(f"done: {words.minutes(processor)} of processor time")
+    say(f"done: {processor:.0f} min of processor time")
     return Board(present, absent, cases, scores, truths, time_limit, date, minutes, processor)
-
-
-def _under_laws(cases: Sequence[Case], entries: Sequence[Peer]) -> dict[tuple[str, Law], Case]:
-    """Every case under every entry's law and under its own; each body is made once."""
-    found: dict[tuple[str, Law], Case] = {}
-    for case in cases:
-        for law in {case.spec.material.law, *(entry.law for entry in entries)}:
-            found[case.path.stem, law] = case_under(case, law)
-    return found
-
-
-class _Clock:
-    """Lines of several threads, each with the minutes since the start."""
-
-    def __init__(self, begin: float, progress: Progress) -> None:
-        self._begin, self._progress, self._lock = begin, progress, threading.Lock()
-
-    def say(self, line: str) -> None:
-        """Tell one line."""
-        minutes, seconds = divmod(int(time.monotonic() - self._begin), 60)
-        with self._lock:
-            self._progress(f"{minutes:2d}:{seconds:02d} {line}")
-
-
-@contextmanager
-def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
-    """One that begins nothing more where something goes wrong here."""
-    pool = ThreadPoolExecutor(threads)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _processor_seconds() -> float:
@@ -217,7 +187,7 @@ def _judged(run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnS
         return Score(run, truth.law, verdict=Verdict.INCONCLUSIVE, why=why)
 
 
-def told(score: Score) -> str:
+def line_on(score: Score) -> str:
     """One line on a score."""
     run = score.run
     if score.distance is None:

@@ -1,16 +1,16 @@
-"""How far an answer is from the truth of its own law, and what that is made of.
+"""How far a result is from the truth of its own law, and what that is made of.
 
 The parts are of the displacement of the point that moves most in the truth (of those that are not
-held), along the way it goes there, over that displacement; with signs they add up to its error:
+fixed), along the way it goes there, over that displacement; with signs they add up to its error:
 
-    law      the law that the answer follows in the place of the one that the simulator states
+    law      the law that the result follows in the place of the one that the simulator states
     mesh     the reference on the same mesh, linear or quadratic, less the truth
-    solver   the answer less the equilibrium of its own law on its own mesh
+    solver   the result less the equilibrium of its own law on its own mesh
     step     of motions, at the time when that is: the reference on the same mesh by the scheme and
              step that the simulator states, less that in the case's steps; where it states none,
              what steps and solver add together. Where the case has no steps, in mesh
 
-That the case's own law would have moved the body otherwise is no error here; it is told beside
+That the case's own law would have moved the body otherwise is no error here; it is reported beside
 (`law_apart`).
 """
 
@@ -31,17 +31,13 @@ from palpate.validation.judging.case_references import are_the_cases
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.error_budget import farthest_probe
 from palpate.validation.metrics import measure
-from palpate.validation.peers.board_followed_law import followed_law
-from palpate.validation.peers.board_own_steps import OwnSteps
+from palpate.validation.peers.board_references import NOT_A_LAW, OwnSteps, Truth, followed_law
 from palpate.validation.peers.board_runs import Run, Status
-from palpate.validation.peers.board_truths import Truth
 from palpate.validation.peers.registry import Peer
 from palpate.validation.references.reference_set import QUADRATIC
 from palpate.validation.states import State, Verdict
 
 LAW, MESH, STEP, SOLVER = CAUSES = ("law", "mesh", "step", "solver")
-# Distances below this part of the largest displacement are nobody's law.
-_NOT_A_LAW = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +46,19 @@ class Score:
 
     Attributes:
         run: What was judged.
-        law: Of the truth it is held against.
+        law: Of the truth it is compared with.
         metric: That `distance` is.
-        distance: From the truth, relative; None where there is no answer or no truth.
+        distance: From the truth, relative; None where there is no result or no truth.
         bar: What it may be off by.
         limit: What a user of the case needs; None where the case does not say.
         verdict: By these; skipped where nothing can be said.
         same_mesh: Largest distance of a point from the reference on the same mesh, over the
             largest displacement.
         causes: By name, signed, in parts of the truth's largest displacement.
-        follows: The law that the answer follows, where it is not `law`.
+        follows: The law that the result follows, where it is not `law`.
         law_apart: Distance of the truths of `law` and of the case's own law.
         why: There is no distance.
-        smallest_det_f: Of the answer.
+        smallest_det_f: Of the result.
     """
 
     run: Run
@@ -83,7 +79,7 @@ class Score:
 def judge_run(
     run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnSteps | None = None
 ) -> Score:
-    """Hold a run against the truth of its law.
+    """Compare a run with the truth of its law.
 
     Args:
         run: How the simulator fared.
@@ -149,7 +145,7 @@ def _causes(
     same: State | None,
     entry: Peer,
 ) -> tuple[dict[str, float], str]:
-    """Parts of an answer's error, and the law that it follows where that is another."""
+    """Parts of a result's error, and the law that it follows where that is another."""
     if same is None:
         return {}, ""
     try:
@@ -163,7 +159,7 @@ def _causes(
 
     own, follows = same.displacement, ""
     is_plain = state.element is Element.LINEAR and not entry.is_quadratic and not problem.tools
-    if is_plain and distance(state.displacement, own) > _NOT_A_LAW:
+    if is_plain and distance(state.displacement, own) > NOT_A_LAW:
         found = followed_law(problem, strain, state.displacement, own)
         if found is not None:
             follows, own = found
@@ -175,7 +171,7 @@ def _causes(
 
 
 def _where_free(problem: Problem, displacement: Points) -> Points:
-    """Nothing where a point is held altogether, which tells no error; all where that is all."""
+    """Zero where a point is fixed altogether, which shows no error; all where that is all."""
     free = np.ones(len(displacement), dtype=bool)
     for support in problem.supports:
         if support.normal is None and all(support.components):
@@ -187,16 +183,16 @@ def _where_free(problem: Problem, displacement: Points) -> Points:
 def _causes_of_motion(
     problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
 ) -> tuple[dict[str, float], str]:
-    """Parts where and when the truth moves most, and the law that the answer follows likewise."""
+    """Parts where and when the truth moves most, and the law that the result follows likewise."""
     lengths = np.linalg.norm(truth.displacements, axis=2)
-    place = np.unravel_index(int(lengths.argmax()), lengths.shape)
-    direction = truth.displacements[place]
+    moment = np.unravel_index(int(lengths.argmax()), lengths.shape)
+    direction = truth.displacements[moment]
     scale = float(direction @ direction)
     if not scale > 0.0:
         return {}, ""
 
     def at(of: State) -> float:
-        return float(of.displacements[place] @ direction) / scale
+        return float(of.displacements[moment] @ direction) / scale
 
     stepped = own_steps.of(problem, state) if own_steps else None
     if same is None:  # the case has no steps of its own: those of the simulator go with its mesh

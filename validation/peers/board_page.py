@@ -1,25 +1,35 @@
-"""The board as pages that need no server, and its data as CSV and JSON."""
+"""The board as pages that need no server, their words and drawing; its data as CSV and JSON."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from markupsafe import Markup
+from matplotlib import pyplot
+from matplotlib.ticker import PercentFormatter
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case import Case
-from palpate.validation.peers import board_words as words
 from palpate.validation.peers.bench import describe_machine
 from palpate.validation.peers.board import Board
-from palpate.validation.peers.board_causes_plot import causes_svg
-from palpate.validation.peers.board_judge import CAUSES, Score
+from palpate.validation.peers.board_judge import CAUSES, LAW, MESH, SOLVER, STEP, Score
 from palpate.validation.peers.board_runs import Status
 from palpate.validation.peers.registry import Peer
 from palpate.validation.quoting import for_json, for_markdown, visible
 from palpate.validation.report.html import page_environment
+from palpate.validation.report.plots import (
+    BLUE,
+    GREY,
+    OCHRE,
+    RED,
+    figure_svg,
+    plot_style,
+    tidy,
+)
 from palpate.validation.report.study_page import Table
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import Verdict
@@ -49,11 +59,9 @@ def write_board(board: Board, folder: Path) -> Path:
     (folder / "summary.md").write_text(summary_markdown(board), encoding="utf-8")
     environment = page_environment()
     for word in (
-        words.percent, words.seconds, words.memory, words.minutes, words.outcome, words.kind,
-        words.hint, words.said, words.need, words.bar, words.reason,
+        percent, seconds, memory, minutes, outcome, kind, hint, stated, need, bar, reason,
     ):  # fmt: skip
         environment.globals[word.__name__] = word
-    environment.globals["version_of_entry"] = version_of_entry
     common = {
         "board": board,
         "machine": describe_machine(),
@@ -94,9 +102,7 @@ def write_board(board: Board, folder: Path) -> Path:
 
 def scores_table(board: Board) -> Table:
     """A row for each simulator and case."""
-    rows = [
-        _row(entry, board.score(entry, case)) for entry in board.entries for case in board.cases
-    ]
+    rows = [_row(entry, score) for entry in board.entries for score in board.of_entry(entry)]
     return Table("Scores", _COLUMNS, rows)
 
 
@@ -106,8 +112,8 @@ def _row(entry: Peer, score: Score) -> Sequence[Any]:
         entry.name, run.case, run.status.value, score.verdict.value, score.law.value,
         str(run.says.get("version", "")), score.metric, score.distance, score.bar, score.limit,
         score.same_mesh, *(score.causes.get(cause) for cause in CAUSES), score.follows,
-        score.law_apart, words.said(score, "seconds"), run.seconds or None,
-        words.said(score, "peak_memory_mb"), score.smallest_det_f,
+        score.law_apart, stated(score, "seconds"), run.seconds or None,
+        stated(score, "peak_memory_mb"), score.smallest_det_f,
         visible(str(run.says.get("method", ""))), visible(score.why), run.date,
     ]  # fmt: skip
 
@@ -155,8 +161,8 @@ def minutes_of(board: Board) -> dict[str, float]:
 
 def version_of_entry(entry: Peer, board: Board) -> str:
     """As it says itself, of any run."""
-    said = (score.run.says.get("version") for score in board.of_entry(entry))
-    return visible(str(next(filter(None, said), "–")))
+    versions = (score.run.says.get("version") for score in board.of_entry(entry))
+    return visible(str(next(filter(None, versions), "–")))
 
 
 def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
@@ -164,7 +170,9 @@ def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
     scores = board.of_entry(entry)
     answered = [score for score in scores if score.run.status is Status.ANSWERED]
     verdicts = [score.verdict for score in scores if score.limit is not None]
-    memories = [m for s in answered if (m := words.said(s, "peak_memory_mb")) is not None]
+    distances = [s.distance for s in answered if s.distance is not None]
+    distances = [distance for distance in distances if math.isfinite(distance)]
+    memories = [m for s in answered if (m := stated(s, "peak_memory_mb")) is not None]
     return {
         "entry": entry,
         "version": version_of_entry(entry, board),
@@ -173,8 +181,8 @@ def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
         "not_posed": sum(score.run.status is Status.NOT_POSED for score in scores),
         "within": verdicts.count(Verdict.PASSED),
         "asked": len([v for v in verdicts if v is not Verdict.SKIPPED]),
-        "median": words.median_distance(answered),
-        "seconds": sum(words.said(score, "seconds") or 0.0 for score in answered) or None,
+        "median": median(distances) if distances else None,
+        "seconds": sum(stated(score, "seconds") or 0.0 for score in answered) or None,
         "memory": max(memories, default=None),
     }
 
@@ -205,21 +213,138 @@ def summary_markdown(board: Board) -> str:
             entry.law.value,
             f"{row['answered']} of {len(board.cases)}, {row['failed']} failed",
             f"{row['within']} of {row['asked']}",
-            words.percent(row["median"]),
-            words.seconds(row["seconds"]),
-            words.memory(row["memory"]),
+            percent(row["median"]),
+            seconds(row["seconds"]),
+            memory(row["memory"]),
         ]
         lines.append(f"| {' | '.join(map(for_markdown, cells))} |")
     return "\n".join(lines) + "\n"
 
 
-def cases_posed(board: Board) -> list[Case]:
-    """Those that somebody's simulator answered."""
-    return [
-        case
-        for case in board.cases
-        if any(
-            score.run.status is Status.ANSWERED and entry.is_outside
-            for entry, score in zip(board.entries, board.of_case(case), strict=True)
-        )
-    ]
+_COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY}
+# Beyond, a body is not where it should be at all; the number stands in the table.
+_MOST = 1.0
+
+
+def causes_svg(labels: Sequence[str], scores: Sequence[Score]) -> str:
+    """Bars to both sides of zero for each result whose causes are known; "" where there is none."""
+    rows = [(label, s.causes) for label, s in zip(labels, scores, strict=True) if s.causes]
+    if not rows:
+        return ""
+    with plot_style():
+        figure, axes = pyplot.subplots(figsize=(8.4, 1.0 + 0.3 * len(rows)))
+        ends = {is_right: [0.0] * len(rows) for is_right in (True, False)}
+        for cause, colour in _COLOURS.items():
+            for row, (_, causes) in enumerate(rows):
+                value = causes.get(cause, 0.0)
+                if math.isfinite(value) and value:
+                    begin = ends[value > 0.0][row]
+                    axes.barh(row, value, left=begin, color=colour, height=0.6)
+                    ends[value > 0.0][row] = begin + value
+            if any(cause in causes for _, causes in rows):
+                axes.barh(0, 0.0, color=colour, label=cause)
+        low = min(-0.02, max(-_MOST, min(ends[False])))
+        high = max(0.02, min(_MOST, max(ends[True])))
+        axes.set_xlim(1.06 * low, 1.06 * high)
+        axes.set_yticks(range(len(rows)), [visible(label) for label, _ in rows])
+        axes.invert_yaxis()
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.axvline(0.0, color="#5c6670", lw=0.8)
+        axes.legend(ncols=len(_COLOURS), loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+        tidy(axes)
+        figure.tight_layout()
+        return figure_svg(figure, "Errors by cause")
+
+
+# How adapters say that there is something in a case that they do not pass on.
+_NOT_HANDED = ": not handed to this simulator here"
+# Less than this is nothing to anybody.
+_LEAST = 1e-5
+
+
+def percent(value: float | None, *, signed: bool = False) -> str:
+    """A part as two digits of per cent."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if abs(value) < _LEAST:
+        return "0 %" if signed else "< 0.001 %"
+    digits = max(0, 1 - math.floor(math.log10(abs(100.0 * value))))
+    return f"{100.0 * value:{'+' if signed else ''}.{digits}f} %"
+
+
+def seconds(value: float | None) -> str:
+    """Two digits of seconds."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return "–"
+    return f"{value:.2g} s" if value < 100.0 else f"{value:.0f} s"
+
+
+def minutes(value: float) -> str:
+    """Whole minutes, with their unit."""
+    whole = round(value)
+    return "less than a minute" if whole < 1 else "1 minute" if whole == 1 else f"{whole} minutes"
+
+
+def memory(value: float | None) -> str:
+    """Whole megabytes."""
+    return f"{value:.0f} MB" if isinstance(value, int | float) else "–"
+
+
+def outcome(score: Score) -> str:
+    """What a cell of the table says of a run."""
+    if score.run.status is Status.FAILED:
+        return "failed"
+    if score.run.status is not Status.ANSWERED:
+        return "–"
+    return percent(score.distance) if score.distance is not None else "no truth"
+
+
+def kind(score: Score) -> str:
+    """The class of such a cell: what colour it has."""
+    if score.run.status is Status.NOT_POSED or score.run.status is Status.MISSING:
+        return "none"
+    if score.verdict is Verdict.SKIPPED:
+        return "open"
+    return score.verdict.value
+
+
+def bar(value: float | None) -> str:
+    """An error bar."""
+    return "no bar" if value is None or not math.isfinite(value) else f"± {percent(value)}"
+
+
+def reason(score: Score) -> str:
+    """Why there is no distance, in short: a program's own words where it gave some."""
+    why = score.why
+    if score.run.status is Status.NOT_POSED:
+        why = why.removeprefix("the case cannot be posed to it: ").strip('"')
+        if not why.endswith(_NOT_HANDED):
+            return why
+        asked = why.removesuffix(_NOT_HANDED).split(", ")
+        wanted = ", ".join("motion" if word == "time" else word for word in asked)
+        return f"asks for {wanted}, which its adapter does not pass on"
+    if " s, its last line: " in why:  # a log's line says nothing of why time ran out
+        return why.partition(", its last line: ")[0]
+    return why.removeprefix("it ended with 1, its last line: ").strip('"')
+
+
+def hint(score: Score) -> str:
+    """What it says when it is pointed at."""
+    if score.distance is None:
+        return reason(score)
+    need = "" if score.limit is None else f"; its user needs {percent(score.limit)}"
+    return f"{bar(score.bar)}{need}"
+
+
+def need(scores: list[Score]) -> str:
+    """What a case's user needs, where it says so."""
+    limit = scores[0].limit if scores else None
+    return "" if limit is None else percent(limit)
+
+
+def stated(score: Score, name: str) -> float | None:
+    """A number that a simulator states of its run."""
+    value = score.run.says.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None

@@ -1,24 +1,91 @@
-"""One simulator on one case: an answer, a failure, or why the case cannot be posed to it."""
+"""One simulator on one case: a result, a failure, or why the case cannot be posed; and the cache.
+
+A file of the cache holds what its key says and nothing else: a case, a law, an adapter or a time
+limit that has changed has another key, and is computed anew. Each file is written whole or not at
+all.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
+import hashlib
+import json
+import re
 import time
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
+from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
 from palpate.validation.candidates.candidate import candidate_name, fastsim_candidate
 from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case
 from palpate.validation.exchange.case_folder import case_key
+from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
-from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.peers.registry import Peer
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.versions import version_of
+
+_ARRAYS = ("times", "points", "cells", "original_id")
+
+
+def key_of(*parts: str) -> str:
+    """One key of several."""
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+class Cache:
+    """A folder of runs.
+
+    Args:
+        folder: Made where it is not there.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+
+    def path(self, name: str, key: str, suffix: str) -> Path:
+        """Where what has this key lies."""
+        return self.folder / f"{re.sub(r'[^A-Za-z0-9.-]', '_', name)}-{key[:16]}{suffix}"
+
+    def read(self, name: str, key: str) -> tuple[dict[str, Any], ResultFile | None] | None:
+        """A run's record and its result; None where there is none that can be read."""
+        try:
+            record = parse_json(read_text(self.path(name, key, ".json")))
+            if not isinstance(record, dict) or record.get("key") != key:
+                return None
+            if not record.get("has_result"):
+                return record, None
+            return record, read_result(self.path(name, key, ".npz"))
+        except (OSError, UntrustedTextError, ResultFileError, ValueError):
+            return None
+
+    def write(self, name: str, key: str, record: dict[str, Any], result: ResultFile | None) -> None:
+        """Store a run: the result first, so that a record never stands alone."""
+        if result is not None:
+            fields = {one: getattr(result, one) for one in _ARRAYS}
+            what = "positions" if result.are_positions else "displacement"
+            with atomic_path(self.path(name, key, ".npz")) as new, new.open("wb") as stream:
+                np.savez_compressed(
+                    stream,
+                    **{what: result.values},
+                    **{one: value for one, value in fields.items() if value is not None},
+                    case_key=result.case_key,
+                    about=json.dumps(result.about, default=str),
+                )
+        document = {**record, "key": key, "has_result": result is not None}
+        text = json.dumps(document, indent=1, default=str)
+        write_text_atomically(self.path(name, key, ".json"), text + "\n")
+
 
 # Time to compile [s].
 _WARM_UP = 900.0
@@ -41,8 +108,8 @@ class Run:
         entry: Its name.
         case: The case's, without the law.
         status: How it ended.
-        why: Of what is not answered.
-        state: The answer.
+        why: There is no result.
+        state: The result.
         seconds: Of the whole program, by the clock, with start-up and reading.
         says: Words of its own: version, method, iterations, processor time, memory.
         date: When it ran.
@@ -58,13 +125,13 @@ class Run:
     date: str = ""
 
 
-def run_entry(entry: Peer, case: Case, kept: Kept, time_limit: float, progress: Progress) -> Run:
-    """Run a simulator on a case under its law, or read what it answered before.
+def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress: Progress) -> Run:
+    """Run a simulator on a case under its law, or read its cached result.
 
     Args:
-        entry: Who.
+        entry: The simulator.
         case: Under the entry's law.
-        kept: Where answers are kept.
+        cache: Where results are stored.
         time_limit: Of one run [s].
         progress: Called with one line for each run.
     """
@@ -74,25 +141,24 @@ def run_entry(entry: Peer, case: Case, kept: Kept, time_limit: float, progress: 
     command = entry.command_line()
     if command is None:
         return Run(entry.name, name, Status.MISSING, entry.why_missing())
-    problem = case.problem
-    label, key = _place(entry, case, time_limit)
-    found = kept.read(label, key)
+    label, key = _label_and_key(entry, case, time_limit)
+    found = cache.read(label, key)
     if found is None:
         simulator = OutsideSimulator(command, time_limit)
         record: dict[str, Any] = {"date": _now()}
-        answer = None
+        result = None
         try:
-            answer, seconds = simulator.run(problem, case.strain, progress, case_name=name)
+            result, seconds = simulator.run(case.problem, case.strain, progress, case_name=name)
             record |= {"status": Status.ANSWERED, "seconds": seconds}
         except CannotPoseError as error:
             record |= {"status": Status.NOT_POSED, "why": str(error)}
         except (CandidateFailedError, InputError) as error:
             record |= {"status": Status.FAILED, "why": str(error)}
-        kept.write(label, key, record, answer)
-        found = kept.read(label, key)
+        cache.write(label, key, record, result)
+        found = cache.read(label, key)
         if found is None:
-            raise InputError(f"{kept.folder}: what was written there cannot be read again")
-    record, answer = found
+            raise InputError(f"{cache.folder}: what was written there cannot be read again")
+    record, result = found
     run = Run(
         entry.name,
         name,
@@ -101,22 +167,22 @@ def run_entry(entry: Peer, case: Case, kept: Kept, time_limit: float, progress: 
         seconds=float(record.get("seconds", 0.0)),
         date=str(record.get("date", "")),
     )
-    if answer is None:
+    if result is None:
         return run
     try:
-        state = state_of_result(answer, problem, candidate_name(entry.title), case.strain)
+        state = state_of_result(result, case.problem, candidate_name(entry.title), case.strain)
     except (CandidateFailedError, InputError) as error:
         return _failed(run, str(error))
-    return _judged(run, case, state, dict(answer.about))
+    return _with_state(run, case, state, dict(result.about))
 
 
-def is_kept(entry: Peer, case: Case, kept: Kept, time_limit: float) -> bool:
+def is_cached(entry: Peer, case: Case, cache: Cache, time_limit: float) -> bool:
     """Whether a run has been done already; see `run_entry`."""
-    return kept.read(*_place(entry, case, time_limit)) is not None
+    return cache.read(*_label_and_key(entry, case, time_limit)) is not None
 
 
 def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
-    """Run a simulator once for nothing, so that no answer waits for what is compiled at first.
+    """Run a simulator once for nothing, so that no result waits for what is compiled at first.
 
     Returns:
         Whether it ran: False where the case cannot be posed to it.
@@ -135,10 +201,9 @@ def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
     return True
 
 
-def _place(entry: Peer, case: Case, time_limit: float) -> tuple[str, str]:
-    """Where a run is kept: its name, and the key of all that it hangs on."""
-    sources = entry.sources_hash()
-    key = key_of(case_key(case.problem, case.strain), sources, f"{time_limit:g}")
+def _label_and_key(entry: Peer, case: Case, time_limit: float) -> tuple[str, str]:
+    """Where a run is cached: its name, and the key of all that it depends on."""
+    key = key_of(case_key(case.problem, case.strain), entry.sources_hash(), f"{time_limit:g}")
     return f"{entry.name}-{case.name}", key
 
 
@@ -157,20 +222,19 @@ def _run_fastsim(entry: Peer, case: Case, progress: Progress) -> Run:
         "seconds": time.process_time() - begin,
         "method": "Newton" if case.problem.time is None else "central differences",
     }
-    return _judged(run, case, state, {**says, **state.details})
+    return _with_state(run, case, state, {**says, **state.details})
 
 
-def _judged(run: Run, case: Case, state: State, says: dict[str, Any]) -> Run:
-    """An answer that cannot be is a failure."""
+def _with_state(run: Run, case: Case, state: State, says: dict[str, Any]) -> Run:
+    """The run with its state; one that cannot be is a failure."""
     impossible = unmeasurable_state(state) or state_out_of_reach(case.problem, state)
     if impossible:
         return _failed(run, impossible)
-    seconds = run.seconds or state.seconds
-    return Run(run.entry, run.case, run.status, "", state, seconds, says, run.date)
+    return dataclasses.replace(run, state=state, seconds=run.seconds or state.seconds, says=says)
 
 
 def _failed(run: Run, why: str) -> Run:
-    return Run(run.entry, run.case, Status.FAILED, why, seconds=run.seconds, date=run.date)
+    return dataclasses.replace(run, status=Status.FAILED, why=why)
 
 
 def _now() -> str:

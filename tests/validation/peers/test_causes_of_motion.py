@@ -14,10 +14,8 @@ from palpate.validation.candidates.candidate import candidates_for, fastsim_cand
 from palpate.validation.case import load_case
 from palpate.validation.peers import adapters
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, STEP, Score, judge_run
-from palpate.validation.peers.board_kept import Kept
-from palpate.validation.peers.board_own_steps import OwnSteps
-from palpate.validation.peers.board_runs import Run, Status
-from palpate.validation.peers.board_truths import Truth
+from palpate.validation.peers.board_references import OwnSteps, Truth
+from palpate.validation.peers.board_runs import Cache, Run, Status
 from palpate.validation.peers.registry import Peer
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.states import State, in_silence
@@ -53,7 +51,7 @@ def test_errors_of_step_iterations_and_law_land_in_their_own_columns(let_go: Pat
         return float((one.displacements - other.displacements)[place] @ direction)
 
     asked: list[str] = []
-    own_steps = OwnSteps(Kept(let_go.parent / "kept"), asked.append)
+    own_steps = OwnSteps(Cache(let_go.parent / "kept"), asked.append)
 
     def score(state: State) -> Score:
         return judge_run(

@@ -10,7 +10,7 @@ from palpate.meshes.material_law import Law
 from palpate.validation.case import load_case
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, Score
-from palpate.validation.peers.board_kept import Kept
+from palpate.validation.peers.board_runs import Cache
 from palpate.validation.peers.registry import Peer, read_peers
 from palpate.validation.states import in_silence
 
@@ -26,7 +26,7 @@ def entry_of(name: str) -> Peer:
 
 def score_of(folder: Path, entry: Peer, case: str = "shear") -> Score:
     board = compute_board(
-        [entry], [load_case(case)], Kept(folder), time_limit=120.0, progress=in_silence
+        [entry], [load_case(case)], Cache(folder), time_limit=120.0, progress=in_silence
     )
     (score,) = board.scores.values()
     assert score.distance is not None, score.why

@@ -21,14 +21,11 @@ from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import farthest_probe
-from palpate.validation.judging.judge import find_references
 from palpate.validation.peers import adapters, registry
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, Score
-from palpate.validation.peers.board_kept import Kept
-from palpate.validation.peers.board_page import write_board
-from palpate.validation.peers.board_runs import Run, Status
-from palpate.validation.peers.board_words import reason
+from palpate.validation.peers.board_page import reason, write_board
+from palpate.validation.peers.board_runs import Cache, Run, Status
 from palpate.validation.peers.registry import Peer, peers_on_board, read_peers, versions_with
 from palpate.validation.states import Verdict, in_silence
 
@@ -65,7 +62,7 @@ def board_of(folder, entries, cases, time_limit=60.0, processes=None):
     return compute_board(
         entries,
         loaded,
-        Kept(folder / "kept"),
+        Cache(folder / "kept"),
         time_limit=time_limit,
         progress=in_silence,
         processes=processes,

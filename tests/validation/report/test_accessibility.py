@@ -19,8 +19,8 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.peers.board import compute_board
-from palpate.validation.peers.board_kept import Kept
 from palpate.validation.peers.board_page import write_board
+from palpate.validation.peers.board_runs import Cache
 from palpate.validation.peers.registry import Peer
 from palpate.validation.report import html
 from palpate.validation.states import in_silence
@@ -67,7 +67,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         "refuses": f"{sys.executable} -c exit(77) {{case}} {{result}}",
     }
     entries = [Peer(name=name, title=name, command=line) for name, line in commands.items()]
-    kept = Kept(folder / "kept")
+    kept = Cache(folder / "kept")
     cases = [load_case("block-fine")]
     made = compute_board(entries, cases, kept, time_limit=60.0, progress=in_silence)
     write_board(made, folder)

@@ -1,0 +1,309 @@
+"""What results are compared with: truths, references by a simulator's own steps, and other laws.
+
+A truth is a case's stored one, or is solved here under another law; what is solved here is cached.
+Of a motion there are references by the steps that a simulator states besides, so that what scheme
+and step do is told apart from what the solver leaves.
+
+Which law a result follows, where that is not the stated one: in statics every law that the judge
+knows is tried on the result, by what it leaves of the equations. Newton's method then goes from the
+result to the equilibrium of the best one near it: what lies between that and the equilibrium of the
+stated law is the law's, and what is left to the result its solver's. In motion every law is solved
+by the same steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate import reference
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Problem, Strain, with_law
+from palpate.reference import availability
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.reference.schemes import Integrator, Steps
+from palpate.validation.case import Case
+from palpate.validation.diagnosis.result_hypotheses import distance
+from palpate.validation.judging.case_references import are_the_cases, find_references
+from palpate.validation.metrics.body import Body, imbalance
+from palpate.validation.metrics.finite_laws import laws_instead_of_law
+from palpate.validation.metrics.laws import Law as Stress
+from palpate.validation.metrics.linear_solver import (
+    NotPositiveDefiniteError,
+    conjugate_gradients,
+)
+from palpate.validation.peers.board_runs import Cache, key_of
+from palpate.validation.references.adaptive_truth import TruthRequest
+from palpate.validation.references.motions import solve_motion_set
+from palpate.validation.references.reference_set import BOTH, OF_ELEMENT, ReferenceSet
+from palpate.validation.references.runs import solve_by_steps
+from palpate.validation.references.statics import solve_live
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    UntrustedReferenceError,
+    problem_key,
+    read_reference,
+    write_reference,
+)
+from palpate.validation.states import Progress, State
+
+# After which no finer mesh of a truth is begun, and that the runs of a motion take together: a
+# board has many of them [s]; and unknowns of the largest mesh of statics.
+_SECONDS, _SECONDS_OF_A_MOTION, _UNKNOWNS = 120.0, 240.0, 2e5
+# Cells times steps of one run by own steps, which takes some minutes then; and of each of several
+# laws.
+_WORK, _WORK_OF_A_LAW = 2e7, 2e6
+# Distances below this part of the largest displacement are nobody's law.
+NOT_A_LAW = 1e-3
+# Another law must leave at most this part of what the stated one leaves, of forces and of distance.
+_EXPLAINS = 0.1
+# Of complex steps, which cost no digits; see `finite_laws`.
+_STEP = 1e-100
+_TOLERANCE = 1e-6
+_MOST_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The references of a case under a law; None where there are none, and why.
+
+    Attributes:
+        case: Under the law.
+        references: States and bars.
+        why: There are none, or none but on the case's own mesh.
+        seconds: By the clock, that solving them took where they were solved for the board.
+    """
+
+    case: Case
+    references: ReferenceSet | None = None
+    why: str = ""
+    seconds: float = 0.0
+
+    @property
+    def law(self) -> Law:
+        """That it solves."""
+        return self.case.problem.material.law
+
+
+def case_under(case: Case, law: Law) -> Case:
+    """A case of finite strain under a law; one of linear strain is Hooke's, whatever the law."""
+    return case.under(law) if case.strain is Strain.GREEN else case
+
+
+@functools.cache
+def _made_by() -> tuple[str, ...]:
+    """What a reference that is solved here depends on: FEniCSx, and the reference's sources."""
+    sources = sorted(Path(reference.__file__).parent.rglob("*.py"))
+    text = b"\0".join(source.read_bytes() for source in sources)
+    installed = json.dumps(availability.versions(), sort_keys=True)
+    return installed, hashlib.sha256(text).hexdigest()
+
+
+def _cached(cache: Cache, name: str, key: str) -> ReferenceSet | None:
+    try:
+        references, made_for, _ = read_reference(cache.path(name, key, ".npz"))
+    except (MissingReferenceError, UntrustedReferenceError):
+        return None
+    return references if made_for == key else None
+
+
+def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
+    """The stored references of a case; of one under another law those cached, or solved now.
+
+    Args:
+        case: Under the law that is asked for.
+        cache: Where such truths are stored.
+        progress: Called with one line for each thing done.
+    """
+    if case.other_law is None:
+        try:
+            return Truth(case, find_references(case, live=False, progress=progress))
+        except InputError as error:
+            return Truth(case, why=str(error))
+    problem, name = case.problem, f"truth-{case.name}"
+    limit = _SECONDS if problem.time is None else _SECONDS_OF_A_MOTION
+    key = key_of(problem_key(problem), *_made_by(), f"{limit:g} {_UNKNOWNS:g}")
+    if (none := cache.read(name, key)) is not None:
+        return Truth(case, why=str(none[0].get("why")))
+    found = _cached(cache, name, key)
+    if found is not None:
+        seconds = found.provenance.get("seconds", 0.0)
+        is_number = isinstance(seconds, int | float)
+        why = str(found.provenance.get("why", ""))
+        return Truth(case, found, why, float(seconds) if is_number else 0.0)
+    begin = time.monotonic()
+    try:
+        found = _solve_truth(case, limit, progress)
+    except ReferenceUnavailableError as error:
+        return Truth(case, why=str(error))
+    except (ReferenceFailedError, InputError) as error:
+        cache.write(name, key, {"why": str(error)}, None)
+        return Truth(case, why=str(error))
+    why = ""
+    if found.truth(case.strain) is None:
+        why = "; ".join(found.failures.values()) or "the reference found no answer"
+    if why and found.same_mesh(case.strain) is None:
+        cache.write(name, key, {"why": why}, None)
+        return Truth(case, why=why)
+    seconds = time.monotonic() - begin
+    provenance = {**found.provenance, "seconds": seconds, "why": why}
+    found = dataclasses.replace(found, provenance=provenance)
+    write_reference(cache.path(name, key, ".npz"), case.name, key, found, provenance)
+    return Truth(case, found, why, seconds)
+
+
+def _solve_truth(case: Case, seconds: float, progress: Progress) -> ReferenceSet:
+    """The references of a case under another law, of its own strain measure."""
+    problem, strains = case.problem, (case.strain,)
+    if problem.time is not None:
+        # Without a stated step there is none on the same mesh to be equal to.
+        wanted = {"truth"} if problem.time.time_step is None else BOTH
+        return solve_motion_set(problem, progress, wanted=wanted, strains=strains, seconds=seconds)
+    # The distance of displacement is all that is reported of it.
+    request = TruthRequest(seconds=seconds, metrics={case.strain: ("displacement_l2",)})
+    return solve_live(
+        problem, progress, strains=strains, has_stress=False, request=request, unknowns=_UNKNOWNS
+    )
+
+
+@dataclass(frozen=True)
+class OwnSteps:
+    """References of a motion by the steps that a simulator states, and by other laws.
+
+    Attributes:
+        cache: Where they are stored.
+        progress: Called with one line for each run.
+    """
+
+    cache: Cache
+    progress: Progress
+
+    def of(self, problem: Problem, result: State) -> State | None:
+        """The same mesh by the steps that the simulator states; None where it states none.
+
+        None too where that would take too long, or there is no such reference.
+        """
+        if result.steps is None or are_the_cases(problem, result.steps):
+            return None
+        return self._solve(problem, result, result.steps, _WORK)
+
+    def followed(self, problem: Problem, result: State, stated: State) -> tuple[str, State] | None:
+        """Another law that the result follows, by its own steps or the case's, and its motion.
+
+        Args:
+            problem: Under the law that is stated.
+            result: Of the simulator.
+            stated: The reference of that law by the same steps.
+
+        Returns:
+            Its name and motion; "" and `stated` where no other law explains it better; None where
+            none could be tried.
+        """
+        span, steps = problem.time, result.steps
+        apart = distance(result.displacements, stated.displacements)
+        if apart <= NOT_A_LAW:
+            return "", stated
+        if span is None or problem.tools:
+            return None
+        if steps is None:
+            if span.time_step is None:
+                return None
+            steps = Steps(Integrator.CENTRAL_DIFFERENCES, span.time_step)
+        tried: list[tuple[float, str, State]] = []
+        for law in Law:
+            try:
+                other = with_law(problem, law)
+            except InputError:
+                continue
+            if law is problem.material.law:
+                continue
+            found = self._solve(other, result, steps, _WORK_OF_A_LAW)
+            if found is not None:
+                left = distance(result.displacements, found.displacements)
+                tried.append((left, law.value, found))
+        if not tried:
+            return None
+        left, name, found = min(tried, key=lambda one: one[0])
+        return (name, found) if left <= _EXPLAINS * apart else ("", stated)
+
+    def _solve(self, problem: Problem, result: State, steps: Steps, most: float) -> State | None:
+        assert problem.time is not None
+        if not problem.mesh.num_cells * problem.time.end_time / steps.time_step <= most:
+            return None
+        strain, element = result.strain, result.element
+        name = f"steps-{problem.material.law}"
+        key = key_of(problem_key(problem), strain, element, str(steps), *_made_by())
+        stored = _cached(self.cache, name, key)
+        if stored is not None and (OF_ELEMENT[element], strain) in stored.states:
+            return stored.states[OF_ELEMENT[element], strain]
+        try:
+            state = solve_by_steps(problem, strain, steps, self.progress, element=element)
+        except (ReferenceFailedError, InputError):
+            return None
+        if not np.isfinite(state.displacements).all():
+            return None
+        references = ReferenceSet({(OF_ELEMENT[element], strain): state}, {}, str(steps))
+        write_reference(self.cache.path(name, key, ".npz"), name, key, references, {})
+        return state
+
+
+def followed_law(
+    problem: Problem, strain: Strain, displacement: Points, stated: Points
+) -> tuple[str, Points] | None:
+    """The law and its equilibrium near a result with plain linear tetrahedra.
+
+    Args:
+        problem: As stated, without tools.
+        strain: As stated.
+        displacement: The result [m], (num_points, 3).
+        stated: The equilibrium of the stated law on the same mesh [m].
+
+    Returns:
+        Its name and displacement; None where none explains the result better than the stated law.
+    """
+    body = Body(problem, strain)
+    external = body.external(displacement)
+    own = imbalance(body.internal(displacement), external, body.free)
+    left = {}
+    for name, law in laws_instead_of_law(strain, body.law).items():
+        found = imbalance(body.internal(displacement, law), external, body.free)
+        if found <= _EXPLAINS * own:
+            left[name] = found, law
+    for name in sorted(left, key=lambda each: left[each][0]):
+        near = _equilibrium(body, displacement, left[name][1])
+        if near is not None and distance(displacement, near) <= _EXPLAINS * distance(
+            displacement, stated
+        ):
+            return name, near
+    return None
+
+
+def _equilibrium(body: Body, displacement: Points, law: Stress) -> Points | None:
+    """Of another law, by Newton's method from nearby; None where it does not get there."""
+    u = displacement + body.to_supports(displacement)
+    for _ in range(_MOST_STEPS):
+        internal, external = body.internal(u, law), body.external(u)
+        if imbalance(internal, external, body.free) <= _TOLERANCE:
+            return u
+        H = body.gradient(u)
+
+        def product(change: Points, H: Points = H) -> Points:
+            stepped = H + 1j * _STEP * body.gradient(change)
+            stress = np.imag(law(stepped, body.lmbda, body.mu)) / _STEP
+            return body.freed(body.force_of(stress))
+
+        try:
+            right = body.freed(external - internal)
+            u = u + conjugate_gradients(product, right, body.stiffness_diagonal, tolerance=1e-3)
+        except (NotPositiveDefiniteError, ReferenceFailedError, np.linalg.LinAlgError):
+            return None
+    return None
