@@ -1,19 +1,170 @@
-"""Nodes, cells, sets and surfaces of Abaqus and CalculiX input files.
+"""Cards of Abaqus and CalculiX input files, and the nodes, cells, sets and surfaces in them.
 
-Hexahedra, wedges and pyramids, and their faces, are cut into tetrahedra and triangles.
+A card is a keyword with parameters, and its data lines. Hexahedra, wedges and pyramids, and their
+faces, are cut into tetrahedra and triangles.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.errors import FileFormatError
 from palpate.meshes.tet_mesh import CELL_FACETS
-from palpate.validation.importing.abaqus_cards import Card, label_of
-from palpate.validation.importing.model import FACES, Place, cut_cell, cut_face, finite, whole
+from palpate.meshes.untrusted_text import open_plain
+from palpate.validation.case.geometry import inside_folder
+from palpate.validation.importing.model import (
+    FACES,
+    ImportRefusedError,
+    Place,
+    cut_cell,
+    cut_face,
+    finite,
+    whole,
+)
+
+# Of all files together.
+MOST_BYTES = 256 * 1024**2
+_DEEPEST = 8
+_MOST_FILES = 100
+_PARTS = re.compile(r'\s*("[^"]*"|[^,]*)\s*(?:,|$)')
+
+
+@dataclass(eq=False)
+class Card:
+    """A keyword in capitals without its star, parameters by capital names, and lines of fields."""
+
+    keyword: str
+    parameters: dict[str, str]
+    place: Place
+    lines: list[tuple[Place, list[str]]] = field(default_factory=list)
+
+    def refuse(self, reason: str) -> ImportRefusedError:
+        """The error that names its line."""
+        return self.place.refuse(reason)
+
+    def only(self, *names: str) -> None:
+        """Refuse parameters beside these."""
+        for name in self.parameters:
+            if name not in names:
+                known = ", ".join(names) or "none"
+                raise self.refuse(
+                    f"*{self.keyword}: parameter {name[:40]} is not known here (known: {known})"
+                )
+
+    def require(self, name: str) -> str:
+        """A parameter that has to be there, in capitals."""
+        if not self.parameters.get(name):
+            raise self.refuse(f"*{self.keyword} needs the parameter {name}=...")
+        return self.parameters[name].upper()
+
+    def numbers(self) -> list[float]:
+        """All fields of its data lines as numbers; empty ones are left out."""
+        return [
+            finite(text, place, f"*{self.keyword}")
+            for place, fields in self.lines
+            for text in fields
+            if text
+        ]
+
+    def rows(self, least: int, most: int) -> Iterator[tuple[Place, list[str]]]:
+        """Its data lines, each with so many fields; empty ones at the end are left out.
+
+        Raises:
+            ImportRefusedError: A line of another length.
+        """
+        for place, fields in self.lines:
+            while len(fields) > 1 and not fields[-1]:
+                fields = fields[:-1]
+            if not least <= len(fields) <= most:
+                raise place.refuse(
+                    f"*{self.keyword}: {len(fields)} field(s) in a line, needs {least} to {most}"
+                )
+            yield place, fields
+
+
+def read_cards(path: Path) -> list[Card]:
+    """The cards of a file and of those it includes, which lie in its folder.
+
+    Raises:
+        FileFormatError: A file that cannot be opened, or is not text.
+        ImportRefusedError: A data line without a keyword, or files that include each other.
+    """
+    cards: list[Card] = []
+    _Reader(path.parent, cards).read(path, 0)
+    return cards
+
+
+class _Reader:
+    def __init__(self, folder: Path, cards: list[Card]) -> None:
+        self.folder, self.cards, self.left, self.num_files = folder, cards, MOST_BYTES, 0
+
+    def read(self, path: Path, depth: int) -> None:
+        self.num_files += 1
+        with open_plain(path, most_bytes=self.left) as stream:
+            data = stream.read()
+        self.left -= len(data)
+        if b"\x00" in data:
+            raise FileFormatError(path, "is no text (it holds a zero byte)")
+        lines = data.decode("latin-1").splitlines()
+        number = 0
+        while number < len(lines):
+            start = number + 1
+            line = lines[number].strip()
+            number += 1
+            if not line or line.startswith("**"):
+                continue
+            if not line.startswith("*"):
+                self._data(path, start, line)
+                continue
+            while line.endswith(",") and number < len(lines):
+                line += lines[number].strip()
+                number += 1
+            card = _card(line, Place(path, start))
+            if card.keyword != "INCLUDE":
+                self.cards.append(card)
+                continue
+            if depth >= _DEEPEST or self.num_files >= _MOST_FILES:
+                raise card.refuse("*INCLUDE: files include files without end")
+            card.only("INPUT")
+            if not card.parameters.get("INPUT"):
+                raise card.refuse("*INCLUDE needs the parameter INPUT=...")
+            self.read(inside_folder(self.folder, card.parameters["INPUT"]), depth + 1)
+
+    def _data(self, path: Path, number: int, line: str) -> None:
+        if not self.cards:
+            raise Place(path, number).refuse(f"data before any keyword: {line[:40]!r}")
+        fields = [text.strip() for text in line.split(",")]
+        self.cards[-1].lines.append((Place(path, number), fields))
+
+
+def _card(line: str, place: Place) -> Card:
+    words = [m[1].strip() for m in _PARTS.finditer(line[1:]) if m[0]]
+    keyword = " ".join(words[0].upper().split()) if words else ""
+    if not keyword:
+        raise place.refuse("a star without a keyword")
+    parameters = {}
+    for word in words[1:]:
+        name, _, value = word.partition("=")
+        if name.strip():
+            parameters[name.strip().upper()] = value.strip().strip('"')
+    return Card(keyword, parameters, place)
+
+
+def label_of(text: str, place: Place, what: str) -> int | str:
+    """A number of a node or cell, or the name of a set in capitals, without its instance."""
+    word = text.strip().strip('"')
+    if not word:
+        raise place.refuse(f"{what}: an empty field")
+    if word.lstrip("+-").isdigit():
+        return whole(word, place, what)
+    return word.upper().rpartition(".")[2] or word.upper()
+
 
 # Element types by nodes; hybrid and modified ones differ in how they solve, not in what.
 _TYPES = {
@@ -41,22 +192,16 @@ class AbaqusMesh:
     surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
     kinds: dict[str, int] = field(default_factory=dict)
 
-    def take(self, card: Card) -> bool:
-        """Read a card of the mesh; False where it is none."""
-        match card.keyword:
-            case "NODE":
-                self._node(card)
-            case "ELEMENT":
-                self._element(card)
-            case "NSET":
-                self._set(card, "NSET", self.node_sets, self.nodes)
-            case "ELSET":
-                self._set(card, "ELSET", self.cell_sets, self.cells)
-            case "SURFACE":
-                self._surface(card)
-            case _:
-                return False
-        return True
+    @property
+    def takers(self) -> dict[str, Callable[[Card], None]]:
+        """Which method reads which card."""
+        return {
+            "NODE": self._node,
+            "ELEMENT": self._element,
+            "NSET": self._set,
+            "ELSET": self._set,
+            "SURFACE": self._surface,
+        }
 
     def finish(self) -> None:
         """Number rows; after all cards of the mesh."""
@@ -111,11 +256,9 @@ class AbaqusMesh:
         words: list[str] = []
         for place, fields in card.lines:
             words += [text for text in fields if text]
-            if len(words) < 1 + count:
-                if fields[-1]:
-                    raise place.refuse(f"an element of type {kind} needs {count} nodes")
+            if len(words) < 1 + count and not fields[-1]:
                 continue
-            if len(words) > 1 + count:
+            if len(words) != 1 + count:
                 raise place.refuse(f"an element of type {kind} needs {count} nodes")
             label, *nodes = (whole(text, place, "*ELEMENT") for text in words)
             if label in self.cells:
@@ -132,10 +275,11 @@ class AbaqusMesh:
         if "ELSET" in card.parameters:
             self.cell_sets.setdefault(card.require("ELSET"), []).extend(new)
 
-    def _set(
-        self, card: Card, name: str, sets: dict[str, list[int]], known: Collection[int]
-    ) -> None:
-        card.only(name, "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL")
+    def _set(self, card: Card) -> None:
+        is_of_nodes = card.keyword == "NSET"
+        sets = self.node_sets if is_of_nodes else self.cell_sets
+        known: Collection[int] = self.nodes if is_of_nodes else self.cells
+        card.only(card.keyword, "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL")
         found: list[int] = []
         for place, fields in card.lines:
             if "GENERATE" in card.parameters:
@@ -149,7 +293,7 @@ class AbaqusMesh:
         for label in found:
             if label not in known:
                 raise card.refuse(f"*{card.keyword} names {label}, which is not there")
-        sets.setdefault(card.require(name), []).extend(found)
+        sets.setdefault(card.require(card.keyword), []).extend(found)
 
     def _surface(self, card: Card) -> None:
         card.only("NAME", "TYPE", "INTERNAL")
@@ -185,21 +329,11 @@ class AbaqusMesh:
 
     def cells_of(self, text: str, place: Place) -> list[int]:
         """Numbers of a cell or a set of them."""
-        label = label_of(text, place, "an element or a set")
-        if isinstance(label, str):
-            return _of(self.cell_sets, label, place)
-        if label not in self.cells:
-            raise place.refuse(f"no element {label}")
-        return [label]
+        return _named(text, place, "element", self.cells, self.cell_sets)
 
     def nodes_of(self, text: str, place: Place) -> list[int]:
         """Numbers of a node or a set of them."""
-        label = label_of(text, place, "a node or a set")
-        if isinstance(label, str):
-            return _of(self.node_sets, label, place)
-        if label not in self.nodes:
-            raise place.refuse(f"no node {label}")
-        return [label]
+        return _named(text, place, "node", self.nodes, self.node_sets)
 
     def facets(self, faces: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Faces of cells as rows of corner nodes, seen from outside counter-clockwise."""
@@ -221,6 +355,17 @@ class AbaqusMesh:
             np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4),
             np.array(middles, dtype=np.int64).reshape(-1, 6),
         )
+
+
+def _named(
+    text: str, place: Place, what: str, known: Collection[int], sets: dict[str, list[int]]
+) -> list[int]:
+    label = label_of(text, place, f"{what} or set")
+    if isinstance(label, str):
+        return _of(sets, label, place)
+    if label not in known:
+        raise place.refuse(f"no {what} {label}")
+    return [label]
 
 
 def _of(sets: dict[str, list[int]], name: str, place: Place) -> list[int]:
