@@ -47,7 +47,7 @@ class Element:
         Raises:
             ImportRefusedError: There are several.
         """
-        found = [child for child in self.children if child.tag == tag]
+        found = [child for child in self if child.tag == tag]
         if len(found) > 1:
             raise found[1].refuse(f"<{tag}> is there twice; give it once")
         return found[0] if found else None
@@ -78,6 +78,11 @@ class Element:
         if len(found) != 1:
             raise self.refuse(f"<{self.tag}>: needs one number, has {self.text[:40]!r}")
         return found[0]
+
+    def flag(self, tag: str) -> bool:
+        """Whether the child of that tag is there with another number than 0."""
+        found = self.child(tag)
+        return found is not None and found.number() != 0.0
 
     def vector(self, text: str | None = None) -> tuple[float, float, float]:
         """Its text as three numbers."""
