@@ -11,7 +11,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.case import load_case
 from palpate.validation.importing.abaqus import read_abaqus
-from palpate.validation.importing.case_files import Imported, as_case, require_toml
+from palpate.validation.importing.case_files import Imported, as_case
 from palpate.validation.importing.febio import read_febio
 from palpate.validation.importing.model import ImportRefusedError, Model, ModelUnits, UnitSystem
 from palpate.validation.importing.mujoco import read_mujoco
@@ -41,7 +41,8 @@ def import_model(path: Path, target: Path, units: UnitSystem | None = None) -> I
         ImportRefusedError: What a case cannot say; the message names file and line.
         InputError: No units, another kind of file, or a body that cannot be used.
     """
-    require_toml(target)
+    if target.suffix != ".toml":
+        raise InputError(f"{target}: a case file needs the ending .toml")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: unknown kind of model; use {', '.join(_READERS)}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,14 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.atomic_write import atomic_path
-from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.writing import FIRST_CHECKS, case_text
-from palpate.validation.importing.acting import Acting, Places, acting_tables
-from palpate.validation.importing.model import MIDDLES, Body, ImportRefusedError, Model, ModelUnits
+from palpate.validation.exchange.nodal_arrays import area_vectors
+from palpate.validation.importing.model import (
+    MIDDLES,
+    Body,
+    Face,
+    Hold,
+    ImportRefusedError,
+    Model,
+    ModelUnits,
+)
+from palpate.validation.importing.nodal_forces import fit_body_force, fit_tractions
 
+# Tables of loads that differ from point to point; a file with more is no longer read by people.
+MOST_TABLES = 500
 # Middle nodes farther from their edge's middle, of its length, make a curved edge.
 _STRAIGHT = 1e-6
 _MOST_SHOWN = 30
@@ -47,28 +60,24 @@ def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
         ImportRefusedError: What a case cannot say; with the line.
         InputError: A mesh or a material that cannot be used.
     """
-    _require_usable(model)
-    used = np.unique(model.corners)
-    point_of = np.full(len(model.nodes), -1, dtype=np.int64)
-    point_of[used] = np.arange(len(used))
+    if not len(model.corners):
+        raise ImportRefusedError(model.path, None, "holds no tetrahedra")
+    if not np.isfinite(model.nodes).all():
+        raise ImportRefusedError(model.path, None, "a coordinate is NaN or infinite")
     groups, material, inclusions = _materials(model, units)
-    mesh = TetMesh(model.nodes[used], point_of[model.corners].astype(np.int32))
-    places = Places(model, mesh, point_of)
-
-    def accelerate(density: Any) -> list[float]:
-        """From a force by volume in the model's units [m/s2]."""
-        of_body = material.get("density", 1000.0)
-        factor = units.kilograms_per_cubic_metre(1.0)
-        return [units.metres_per_second_squared(float(f) * factor / of_body) for f in density]
-
-    acting = acting_tables(places, accelerate, groups)
+    # From a force by volume in the model's units to an acceleration [m/s2].
+    density = units.kilograms_per_cubic_metre(1.0) / material.get("density", 1000.0)
+    tables = _Tables(model, groups, units.metres_per_second_squared(density))
+    tables.add_supports()
+    for face in model.faces:
+        tables.add_face_load(face)
+    tables.add_nodal_forces()
     if model.acceleration is not None:
         shown = [units.metres_per_second_squared(a) for a in model.acceleration]
-        acting.loads.append({"kind": "gravity", "acceleration": shown})
+        tables.loads.append({"kind": "gravity", "acceleration": shown})
     if model.body_force is not None:
-        acting.loads.append({"kind": "gravity", "acceleration": accelerate(model.body_force)})
-    _require_one_density(model, acting)
-    told = [*model.told, *_about_middles(model), *_about_density(model, acting), *acting.told]
+        tables.add_weight(model.body_force)
+    told = [*model.told, *_about_middles(model), *_about_density(model, tables.loads), *tables.told]
     values = {
         "schema": 1,
         "title": model.title or f"{model.path.stem}, imported from {model.program}",
@@ -77,22 +86,243 @@ def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
         "geometry": {"mesh": target.with_suffix(".msh").name},
         "material": material,
         "inclusion": inclusions,
-        "support": acting.supports,
-        "load": acting.loads,
+        "support": tables.supports,
+        "load": tables.loads,
         "check": [
-            c for c in FIRST_CHECKS if c["against"] != "truth" or not acting.has_point_forces
+            c for c in FIRST_CHECKS if c["against"] != "truth" or not tables.has_point_forces
         ],
     }
-    grouped = TetMesh(mesh.points, mesh.cells, acting.facets, acting.points, groups)
-    text = _head(model, told) + case_text(values)
-    return Imported(text, grouped, tuple(told), tuple(model.ignored))
+    mesh = TetMesh(tables.mesh.points, tables.mesh.cells, tables.facets, tables.points, groups)
+    return Imported(_head(model, told) + case_text(values), mesh, tuple(told), tuple(model.ignored))
 
 
-def _require_usable(model: Model) -> None:
-    if not len(model.corners):
-        raise ImportRefusedError(model.path, None, "holds no tetrahedra")
-    if not np.isfinite(model.nodes).all():
-        raise ImportRefusedError(model.path, None, "a coordinate is NaN or infinite")
+class _Tables:
+    """Supports and loads of a model as tables of a case, with the groups of its mesh they name.
+
+    Args:
+        model: In its own units of length, like the mesh.
+        taken: Names of other groups of the mesh.
+        acceleration: Of a unit of force by volume [m/s2].
+    """
+
+    def __init__(self, model: Model, taken: Iterable[str], acceleration: float) -> None:
+        self.model, self.taken, self.acceleration = model, set(taken), acceleration
+        self.supports: list[dict[str, Any]] = []
+        self.loads: list[dict[str, Any]] = []
+        self.facets: dict[str, Indices] = {}
+        self.points: dict[str, Indices] = {}
+        self.told: list[str] = []
+        self.has_point_forces = False
+        # Nodes as points of the case's mesh; -1 where a node is none.
+        self.node_of = np.unique(model.corners)
+        self.point_of = np.full(len(model.nodes), -1, dtype=np.int64)
+        self.point_of[self.node_of] = np.arange(len(self.node_of))
+        cells = self.point_of[model.corners].astype(np.int32)
+        self.mesh = TetMesh(model.nodes[self.node_of], cells)
+        self.row_of = {tuple(row): k for k, row in enumerate(_sorted(self.mesh.boundary_facets))}
+        quadratic = (model.middles >= 0).all(axis=1)
+        ends = model.corners[quadratic][:, MIDDLES].reshape(-1, 2).tolist()
+        middles = model.middles[quadratic].ravel().tolist()
+        # Of each middle node the ends of its edge, and the other way round.
+        self.ends = dict(zip(middles, map(tuple, ends), strict=True))
+        self.middle_of = {tuple(sorted(pair)): node for node, pair in self.ends.items()}
+
+    def _name(self, wanted: str) -> str:
+        """A name for a group that no other has, in the letters that a mesh file allows."""
+        plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", wanted).strip("-")[:48] or "group"
+        names = (plain if k == 1 else f"{plain}-{k}" for k in range(1, len(self.taken) + 2))
+        name = next(name for name in names if name not in self.taken)
+        self.taken.add(name)
+        return name
+
+    def add_weight(self, density: Iterable[float]) -> None:
+        """A force by volume, in the model's units, as gravity."""
+        acceleration = [float(f) * self.acceleration for f in density]
+        self.loads.append({"kind": "gravity", "acceleration": acceleration})
+
+    def add_supports(self) -> None:
+        """What the model fixes and moves.
+
+        Raises:
+            ImportRefusedError: What contradicts, or middle nodes that are fixed without the ends.
+        """
+        wanted: dict[tuple[int, int], tuple[float, Hold]] = {}
+        found: list[tuple[Hold, Indices]] = []
+        for hold in self.model.holds:
+            points = self._points_of(hold)
+            for point in points.tolist():
+                for axis, value in hold.components.items():
+                    other, by = wanted.setdefault((point, axis), (value, hold))
+                    if other != value:
+                        raise hold.place.refuse(
+                            f"{hold.name} moves a node along {'xyz'[axis]} by {value:g} that "
+                            f"{by.name} (line {by.place.line}) moves by {other:g}; hold it once"
+                        )
+            if len(points):
+                found.append((hold, points))
+        if len(found) > MOST_TABLES:
+            raise found[MOST_TABLES][0].place.refuse(
+                f"displacements are prescribed in {len(found)} different ways, more than the "
+                f"{MOST_TABLES} tables a case is given here; a turn or a uniform displacement of a "
+                "whole face can be said in one [[support]] by hand"
+            )
+        boundary = self.mesh.boundary_facets
+        for hold, points in found:
+            # Facets whose corners are all fixed, and fixed points of none of them.
+            facets = boundary[np.isin(boundary, points).all(axis=1)]
+            single = np.setdiff1d(points, facets).astype(np.int32)
+            regions = []
+            if len(facets):
+                regions.append(self._name(hold.name))
+                self.facets[regions[-1]] = facets
+            if len(single):
+                regions.append(self._name(f"{hold.name}-points" if len(facets) else hold.name))
+                self.points[regions[-1]] = single
+            for region in regions:
+                table: dict[str, Any] = {"region": {"group": region}}
+                if len(hold.components) < 3:
+                    table["components"] = ["xyz"[axis] for axis in sorted(hold.components)]
+                if any(hold.components.values()):
+                    table["displacement"] = [hold.components.get(axis, 0.0) for axis in range(3)]
+                self.supports.append(table)
+
+    def _points_of(self, hold: Hold) -> Indices:
+        """Points that stand for fixed nodes."""
+        fixed = set(hold.nodes.tolist())
+        loose = 0
+        for node in fixed:
+            if self.point_of[node] >= 0:
+                continue
+            if node not in self.ends:
+                loose += 1
+            elif not fixed.issuperset(self.ends[node]):
+                raise hold.place.refuse(
+                    f"{hold.name} holds the middle node {self.model.labels[node]} of an edge whose "
+                    "ends it does not hold both; a case has corner nodes only: hold whole faces"
+                )
+        if loose:
+            self.model.told.append(f"{hold.name}: {loose} held node(s) of no element are left out")
+        points = np.unique(self.point_of[hold.nodes]).astype(np.int32)
+        return points[points >= 0]
+
+    def add_face_load(self, face: Face) -> None:
+        """A pressure or a traction.
+
+        Raises:
+            ImportRefusedError: A facet that is none of the boundary, or twice there.
+        """
+        facets = self.point_of[face.facets].astype(np.int32)
+        rows = [self.row_of.get(tuple(row), -1) for row in _sorted(facets)]
+        if -1 in rows:
+            guilty = self.model.labels[face.facets[rows.index(-1)]].tolist()
+            raise face.place.refuse(
+                f"{face.name}: the facet of nodes {guilty} is none of the body's boundary"
+            )
+        if len(set(rows)) < len(rows):
+            raise face.place.refuse(f"{face.name}: a facet is named twice")
+        ours = self.mesh.boundary_facets[rows]
+        if face.pressure is None:
+            # A traction has its own direction, whichever way a facet looks.
+            self._push(face.name, ours, {"kind": "traction", "traction": list(face.traction or ())})
+            return
+        vectors = area_vectors(self.mesh.points, ours), area_vectors(self.mesh.points, facets)
+        is_turned = np.sum(vectors[0] * vectors[1], axis=1) < 0.0
+        for chosen, sign in ((~is_turned, 1.0), (is_turned, -1.0)):
+            if chosen.any():
+                table = {"kind": "pressure", "pressure": sign * face.pressure}
+                self._push(face.name, ours[chosen], table)
+
+    def _push(self, wanted: str, facets: Indices, table: dict[str, Any]) -> str:
+        """A load on facets, and the name of their group."""
+        name = self._name(wanted)
+        self.facets[name] = facets
+        self.loads.append({**table, "region": {"group": name}})
+        return name
+
+    def add_nodal_forces(self) -> None:
+        """Forces on nodes as a weight, as tractions, or as forces on points.
+
+        Raises:
+            ImportRefusedError: A force on a node of no element, or one that no traction explains
+                on a middle node, or too many different ones.
+        """
+        model, forces = self.model, self.model.forces
+        if not forces.any():
+            return
+        unused = (self.point_of < 0) & forces.any(axis=1)
+        unused[list(self.ends)] = False
+        if unused.any():
+            label = int(model.labels[np.argmax(unused)])
+            raise ImportRefusedError(
+                model.path, None, f"a force on node {label}, which no element has"
+            )
+        corners = self.node_of[self.mesh.boundary_facets]
+        edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+        found = [self.middle_of.get((a, b), -1) for a, b in edges.reshape(-1, 2).tolist()]
+        middles = np.array(found, dtype=np.int64).reshape(-1, 3)
+        is_inside = np.ones(len(forces), dtype=bool)
+        is_inside[corners] = False
+        is_inside[middles[middles >= 0]] = False
+        weights = _volumes_of_nodes(model)
+        density = fit_body_force(weights, is_inside & (weights != 0.0), forces)
+        if density is not None:
+            forces = forces - weights[:, None] * density
+            noise = 1e-9 * np.abs(model.forces).max()
+            forces[np.abs(forces).max(axis=1) <= noise] = 0.0
+            self.add_weight(density)
+            self.told.append("forces on inner nodes are those of a uniform weight: read as gravity")
+        fitted, left = fit_tractions(model.nodes, corners, middles, forces)
+        for number, traction in enumerate(fitted, 1):
+            values = traction.values.tolist()
+            table: dict[str, Any] = {"kind": "traction"}
+            if len(values) == 1:
+                table["traction"] = values[0]
+            else:
+                at = traction.places.tolist()
+                table["values"] = [
+                    {"at": a, "traction": t} for a, t in zip(at, values, strict=True)
+                ]
+            wanted = "nodal-forces" if len(fitted) == 1 else f"nodal-forces-{number}"
+            name = self._push(wanted, self.point_of[traction.facets].astype(np.int32), table)
+            kind = "a uniform" if len(values) == 1 else "an affine"
+            self.told.append(
+                f"forces on nodes are those of {kind} traction on {len(traction.facets)} facets: "
+                f"read as one on {name}"
+            )
+        self._point_forces(left)
+
+    def _point_forces(self, forces: Points) -> None:
+        model, loaded = self.model, np.flatnonzero(forces.any(axis=1))
+        if not len(loaded):
+            return
+        middles = loaded[self.point_of[loaded] < 0]
+        if len(middles):
+            raise ImportRefusedError(
+                model.path, None,
+                f"forces on nodes are those of no traction, and node {model.labels[middles[0]]} is "
+                "a middle node, which a case does not have; give a pressure or a traction on the "
+                "face",
+            )  # fmt: skip
+        kinds, which = np.unique(forces[loaded], axis=0, return_inverse=True)
+        if len(kinds) > MOST_TABLES:
+            raise ImportRefusedError(
+                model.path, None,
+                f"forces on {len(loaded)} nodes are those of no uniform or affine traction, and "
+                f"are {len(kinds)} different ones (at most {MOST_TABLES} here); give a pressure or "
+                "a traction on the face in their place",
+            )  # fmt: skip
+        for number, force in enumerate(kinds):
+            name = self._name(f"forces-{number + 1}")
+            self.points[name] = self.point_of[loaded[which.ravel() == number]].astype(np.int32)
+            self.loads.append(
+                {"kind": "point_force", "region": {"group": name}, "force": force.tolist()}
+            )
+        self.has_point_forces = True
+        self.told.append(
+            f"forces on {len(loaded)} node(s) are those of no uniform or affine traction: they "
+            "stay forces on points, under which displacements have no limit; no truth is possible, "
+            "only checks on the same mesh"
+        )
 
 
 def _materials(
@@ -126,19 +356,15 @@ def _material(body: Body, units: ModelUnits) -> dict[str, Any]:
     return table
 
 
-def _require_one_density(model: Model, acting: Acting) -> None:
+def _about_density(model: Model, loads: list[dict[str, Any]]) -> list[str]:
     used = [model.bodies[k] for k in np.unique(model.body_of)]
-    has_weight = any(load["kind"] == "gravity" for load in acting.loads)
+    has_weight = any(load["kind"] == "gravity" for load in loads)
     if has_weight and len({body.density for body in used}) > 1:
         raise used[1].place.refuse(
             "gravity on parts of different density; a case weighs the whole body by its own "
             "material's density"
         )
-
-
-def _about_density(model: Model, acting: Acting) -> list[str]:
-    has_weight = any(load["kind"] == "gravity" for load in acting.loads)
-    without = [body for k in np.unique(model.body_of) if (body := model.bodies[k]).density is None]
+    without = [body for body in used if body.density is None]
     if not without:
         return []
     if has_weight and model.acceleration is not None:
@@ -176,7 +402,17 @@ def _head(model: Model, told: list[str]) -> str:
     return "".join(f"# {line}\n" for line in printable)
 
 
-def require_toml(target: Path) -> None:
-    """Raise InputError where a case file has another ending."""
-    if target.suffix != ".toml":
-        raise InputError(f"{target}: a case file needs the ending .toml")
+def _volumes_of_nodes(model: Model) -> NDArray[np.float64]:
+    """Of each node the integral of its shape function over the body, (num_nodes,)."""
+    x = model.nodes[model.corners]
+    volumes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6.0
+    found = np.zeros(len(model.nodes))
+    quadratic = (model.middles >= 0).all(axis=1)
+    np.add.at(found, model.corners, np.where(quadratic, -0.05, 0.25)[:, None] * volumes[:, None])
+    np.add.at(found, model.middles[quadratic], 0.2 * volumes[quadratic][:, None])
+    return found
+
+
+def _sorted(facets: Indices) -> list[list[int]]:
+    rows: list[list[int]] = np.sort(facets, axis=1).tolist()
+    return rows

@@ -60,7 +60,7 @@ def fit_tractions(
     chosen = np.flatnonzero(np.where(is_quadratic, all_middles, all_corners))
     found: list[FittedTraction] = []
     left = forces.copy()
-    for part in _connected(corners, chosen):
+    for part in _connected(corners, chosen) if len(chosen) else ():
         for pieces, is_affine in _ways(nodes, corners, part):
             fitted = _fit(nodes, corners, middles, forces, pieces, is_affine)
             if fitted is not None:
@@ -91,28 +91,15 @@ def fit_body_force(
 
 def _connected(corners: NDArray[np.int64], chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Facets that hang together by edges, as rows of `corners`."""
-    around: dict[tuple[int, int], list[int]] = {}
-    for row in chosen.tolist():
-        a, b, c = sorted(corners[row].tolist())
-        for edge in ((a, b), (b, c), (a, c)):
-            around.setdefault(edge, []).append(row)
-    next_to: dict[int, set[int]] = {row: set() for row in chosen.tolist()}
-    for rows in around.values():
-        for row in rows:
-            next_to[row].update(rows)
-    parts, seen = [], set()
-    for first in next_to:
-        if first in seen:
-            continue
-        part, ahead = set(), [first]
-        while ahead:
-            row = ahead.pop()
-            if row not in part:
-                part.add(row)
-                ahead += next_to[row] - part
-        seen |= part
-        parts.append(np.array(sorted(part)))
-    return parts
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = np.sort(corners[chosen][:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    facet = np.repeat(np.arange(len(chosen)), 3)
+    has_edge = coo_matrix((np.ones(len(facet)), (facet, edge.ravel())))
+    count, part = connected_components(has_edge @ has_edge.T, directed=False)
+    return [chosen[part == k] for k in range(count)]
 
 
 def _ways(
@@ -166,15 +153,9 @@ def _fit(
         pieces, frames, np.split(solution, len(pieces)), strict=True
     ):
         places = centre + size * np.vstack([np.zeros(3), np.eye(3)])[: len(values)]
-        fitted.append(FittedTraction(corners[piece], places, values[0] + _steps(values)))
+        values[1:] += values[0]
+        fitted.append(FittedTraction(corners[piece], places, values))
     return fitted
-
-
-def _steps(values: Points) -> Points:
-    """From the value at the centre to those at the places of `_fit`."""
-    steps: Points = values.copy()
-    steps[0] = 0.0
-    return steps
 
 
 def _nodes_of(corners: NDArray[np.int64], middles: NDArray[np.int64]) -> NDArray[np.int64]:
