@@ -1,11 +1,17 @@
 """The front door: what `import palpate` offers, in SI units.
 
-What is plain data (a mesh, a material, what is held and pushed, a problem) comes from
+What is plain data (a mesh, a material, what is fixed and pushed, a problem) comes from
 `palpate.meshes`; the verbs do what the command line does. Nothing slow is loaded before a verb
 that needs it is called.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from numpy.typing import ArrayLike
 
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
@@ -28,16 +34,30 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import Formulation
-from palpate.validation.solving import Simulator, simulate, solve
+from palpate.validation.solving import (
+    ElementsName,
+    Simulator,
+    StrainName,
+    known_word,
+    simulate,
+    solve,
+)
 from palpate.validation.states import (
     CandidateFailedError,
     Elements,
     Method,
+    Progress,
     State,
     Trajectory,
     Verdict,
+    in_silence,
 )
-from palpate.validation.verbs import audit, compare, export, judge, load_case, mesh
+
+if TYPE_CHECKING:
+    from palpate.reference.result import Audit
+    from palpate.validation.candidates.candidate import Candidate
+    from palpate.validation.case import Case
+    from palpate.validation.judging.results import CaseResult
 
 __all__ = [
     "AnchorPath",
@@ -86,3 +106,296 @@ __all__ = [
     "simulate",
     "solve",
 ]
+
+# A case that was read, the name of a built-in one, or a path to a .toml file.
+AnyCase: TypeAlias = "Case | str | Path"
+
+
+def load_case(name_or_path: str | Path) -> Case:
+    """Read a case: a built-in name, or a path to a .toml file.
+
+    Its `problem` is meshed when first asked for; `checks` says what is judged.
+
+    Args:
+        name_or_path: `palpate cases` lists the built-in ones; `palpate init` writes a file.
+
+    Returns:
+        The case, in SI units.
+
+    Raises:
+        InputError: No such case, not TOML, an unknown or missing key, a bad value; the message
+            names file, line, key and remedy.
+
+    >>> import palpate
+    >>> case = palpate.load_case("kidney")
+    >>> case.strain, case.problem.material.poissons_ratio
+    (<Strain.GREEN: 'green'>, 0.2239)
+    """
+    from palpate.validation.case import load_case as read_case
+
+    return read_case(name_or_path)
+
+
+def mesh(
+    surface: TriSurface | str | Path,
+    *,
+    unit: Literal["m", "cm", "mm"] = "mm",
+    edge_length: float | None = None,
+    mesher: Literal["auto", "fastsim", "gmsh"] = "auto",
+    boundary_distance: float | None = None,
+    repair: bool | RepairChoices = False,
+    wrap: float | None = None,
+) -> TetMesh:
+    """Fill a closed surface with tetrahedra.
+
+    Args:
+        surface: A surface [m], or a file of one: .stl, .obj, .ply, .off, .msh, .vtk, .vtu.
+        unit: In which a file is written; a surface that is given is in metres.
+        edge_length: Wanted inside [m], > 0; None takes the surface's mean.
+        mesher: fastsim's own, gmsh, or the first and then the other.
+        boundary_distance: How far better facets may lie from the given ones [m], > 0; None keeps
+            the surface's own.
+        repair: Of a file: merge near points, cut fins, turn facets, close holes (facet groups
+            "cap 1", ...) and repair what cuts itself; or what of that may be done.
+        wrap: Of a file: how far a new closed surface around it may lie [m], > 0, in the place of
+            repair; None makes none.
+
+    Returns:
+        The mesh [m]; its volume is the surface's where that is kept.
+
+    Raises:
+        InputError: A file that cannot be read, a surface that bounds no solid, a bad value, or no
+            mesher that manages.
+
+    >>> import palpate
+    >>> from palpate.meshes.shapes import shape_box
+    >>> body = palpate.mesh(shape_box((0.06, 0.02, 0.02), edge_length=0.01))
+    >>> round(body.volume * 1e6, 6)  # cm3
+    24.0
+    """
+    from palpate.validation.case.body_schema import MeshSpec
+    from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
+    from palpate.validation.case.units import LENGTH, Units
+
+    for name, value in (("edge_length", edge_length), ("boundary_distance", boundary_distance)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise InputError(f"{name} = {value:g} m: needs a finite value above 0")
+    for name, word, known in (
+        ("unit", unit, tuple(LENGTH)),
+        ("mesher", mesher, ("auto", "fastsim", "gmsh")),
+    ):
+        if word not in known:
+            raise InputError(f"{name} = {word!r}: use one of {', '.join(known)}")
+    if isinstance(surface, TriSurface):
+        loaded = LoadedSurface(surface, [], {})
+    else:
+        choices = RepairChoices() if repair is True else repair or None
+        if wrap is not None and choices is not None:
+            raise InputError("wrap takes the place of repair: give one of the two")
+        loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
+    spec = MeshSpec(
+        mesher=mesher,
+        edge_length=edge_length,
+        boundary="kept" if boundary_distance is None else "free",
+        boundary_distance=boundary_distance,
+    )
+    return fill_loaded(loaded, spec, Units()).mesh
+
+
+def judge(
+    case: AnyCase,
+    simulator: str | Callable[[Problem], ArrayLike] | None = None,
+    *,
+    element: ElementsName | None = None,
+    live: bool = False,
+    time_limit: float | None = None,
+    progress: Progress = in_silence,
+) -> CaseResult:
+    """Judge a simulator on a case.
+
+    Args:
+        case: With at least one check.
+        simulator: A function from the problem to displacements [m] at its points, (num_points,
+            3), of a motion (num_outputs + 1, num_points, 3); or a command, "mysim {case}
+            {result}"; fastsim where None.
+        element: Of fastsim's tetrahedra: "linear", "smoothed", or "both" beside one another; linear
+            where None.
+        live: Solve the reference here where FEniCSx is installed; a stored one otherwise.
+        time_limit: Of a command [s]; 600 where None.
+        progress: Called with one line now and then.
+
+    Returns:
+        The verdict, and every check with its number, limit and reason. A simulator that raises,
+        crashes or answers NaN has failed.
+
+    Raises:
+        InputError: No check for this simulator, no reference, or an answer of the wrong shape.
+
+    >>> import palpate
+    >>> def nothing_moves(problem):
+    ...     return 0.0 * problem.mesh.points
+    >>> palpate.judge("block").verdict, palpate.judge("block", nothing_moves).verdict
+    (<Verdict.PASSED: 'passed'>, <Verdict.FAILED: 'failed'>)
+    """
+    from palpate.validation.candidates.candidate import candidates_for, function_candidate
+    from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
+    from palpate.validation.judging.judge import judge_case
+
+    chosen = None if element is None else known_word(Elements, element, "element")
+    if simulator is None or isinstance(simulator, str):
+        limit = DEFAULT_TIME_LIMIT if time_limit is None else time_limit
+        candidates = candidates_for(simulator, limit, chosen)
+    elif chosen is not None:
+        raise InputError("element goes with fastsim: leave it out, or the simulator")
+    else:
+        candidates = [function_candidate(simulator)]
+    return judge_case(_case(case), live=live, candidate=candidates, progress=progress)
+
+
+def compare(
+    case: AnyCase,
+    answer: str | Path | State | ArrayLike,
+    *,
+    live: bool = False,
+    progress: Progress = in_silence,
+) -> CaseResult:
+    """Judge an answer that is already there.
+
+    Args:
+        case: With at least one check.
+        answer: A result file (.vtu, .npz, .csv), a state, or displacements [m] as `judge` has
+            them.
+        live: See `judge`.
+        progress: See `judge`.
+
+    Returns:
+        The verdict, as `judge` gives it.
+
+    Raises:
+        InputError: See `judge`; or a file that cannot be read.
+
+    >>> import palpate
+    >>> answer = palpate.solve(palpate.load_case("block").problem)
+    >>> palpate.compare("block", answer).verdict
+    <Verdict.PASSED: 'passed'>
+    >>> palpate.compare("block", 1.02 * answer.displacement).verdict
+    <Verdict.FAILED: 'failed'>
+    """
+    from palpate.validation.candidates.candidate import answer_candidate
+    from palpate.validation.judging.judge import judge_case
+
+    candidate = answer_candidate(answer)
+    return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
+
+
+def audit(
+    case: AnyCase,
+    answer: str | Path | State | ArrayLike,
+    *,
+    strain: StrainName | None = None,
+    degree: int = 2,
+    progress: Progress = in_silence,
+) -> Audit:
+    """Measure an answer against the equations it should satisfy, without solving them.
+
+    Args:
+        case: Without time.
+        answer: See `compare`.
+        strain: Of the equations; the case's where None.
+        degree: Of the test functions: 1 judges the solver; 2 and 3 the mesh too, and need FEniCSx.
+        progress: Called with one line now and then.
+
+    Returns:
+        Residual, balance of forces and moments, stability, estimated errors, each cell's part.
+
+    Raises:
+        InputError: A case that moves, or an answer that cannot be used.
+        CandidateFailedError: The answer holds NaN.
+        ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
+
+    >>> import palpate
+    >>> answer = palpate.solve(palpate.load_case("block").problem)
+    >>> found = palpate.audit("block", answer, degree=1)
+    >>> found.relative_residual_norm < 1e-8, found.smallest_det_f > 0.0
+    (True, True)
+    """
+    from palpate.validation.candidates.candidate import answer_candidate
+
+    if degree not in (1, 2, 3):
+        raise InputError(f"degree = {degree}: use 1, 2 or 3")
+    loaded = _case(case)
+    used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
+    candidate = answer_candidate(answer)
+    _, found = audit_result(loaded, candidate, strain=used, degree=degree, progress=progress)
+    return found
+
+
+def audit_result(
+    case: Case, candidate: Candidate, *, strain: Strain, degree: int, progress: Progress
+) -> tuple[State, Audit]:
+    """A candidate's answer with its audit: of degree 1 by the judge, beyond by the reference.
+
+    Degree 1 is the equations of the answer's own tetrahedra, plain or smoothed; degrees 2 and 3
+    are the continuum's, whatever it was made with. See `audit`.
+
+    Raises:
+        InputError: A case that moves, or a result that cannot be read.
+        CandidateFailedError: The result holds NaN, numbers too large to measure, or a body
+            of quite another size.
+        ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
+    """
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import AuditTask
+    from palpate.validation.metrics.audit import audit_on_own_mesh
+    from palpate.validation.metrics.possible_motion import unmeasurable_state
+
+    problem = case.problem
+    if problem.time is not None:
+        raise InputError(f"{case.name} is dynamic: what moves is not in equilibrium")
+    state = candidate.solve(problem, strain, progress)
+    unmeasurable = unmeasurable_state(state)
+    if unmeasurable:
+        raise CandidateFailedError(unmeasurable)
+    displacement = state.displacement
+    if degree == 1:
+        progress(f"audit on degree 1: {displacement.size} degrees of freedom")
+        return state, audit_on_own_mesh(problem, displacement, strain, state.element)
+    task = AuditTask(displacement, strain, degree)
+    try:
+        return state, run_task(task, problem, progress=progress)
+    except ReferenceUnavailableError as error:
+        raise ReferenceUnavailableError(f"{error}; degree 1 needs none of it") from None
+
+
+def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = None) -> Path:
+    """Write a case as a folder that any simulator can read: case.json, rest.vtu, rest.npz.
+
+    Args:
+        case: To be written.
+        folder: Made where it is not there; one that holds anything but an exported case is
+            refused.
+        strain: Which law is asked for; the case's where None.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: A folder that cannot be used.
+
+    >>> import palpate
+    >>> folder = palpate.export("block", "block-case")
+    >>> sorted(path.name for path in folder.iterdir())
+    ['case.json', 'rest.npz', 'rest.vtu']
+    """
+    from palpate.validation.exchange.case_folder import write_case_folder
+    from palpate.validation.output_files import input_files, require_case_folder
+
+    loaded, target = _case(case), Path(folder)
+    require_case_folder(target, inputs=input_files([loaded]))
+    used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
+    write_case_folder(target, loaded.problem, used, name=loaded.name, title=loaded.title)
+    return target
+
+
+def _case(case: AnyCase) -> Case:
+    return load_case(case) if isinstance(case, str | Path) else case

@@ -8,35 +8,20 @@ from typing import Annotated
 import typer
 
 from palpate.validation.candidates.faults import Fault
-from palpate.validation.commands import reference as reference_cli
-from palpate.validation.commands.audit import audit
-from palpate.validation.commands.bench import bench
-from palpate.validation.commands.check import check
-from palpate.validation.commands.compare_runs import compare_runs
+from palpate.validation.commands import case_files, judging, reference, solve, studies
 from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
-from palpate.validation.commands.exchange import compare, export
-from palpate.validation.commands.gate import gate
-from palpate.validation.commands.importing import import_model
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
-from palpate.validation.commands.new_case import init, schema
-from palpate.validation.commands.report import report
-from palpate.validation.commands.scoreboard import scoreboard
-from palpate.validation.commands.solve import solve
-from palpate.validation.commands.study import study
-from palpate.validation.commands.sweep import sweep
-from palpate.validation.commands.touch import touch
-from palpate.validation.commands.words import listed
-from palpate.validation.quoting import for_terminal
+from palpate.validation.commands.options import listed
 from palpate.validation.states import ExitCode
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import version_lines
 
 app = typer.Typer(name="palpate", no_args_is_help=True, pretty_exceptions_enable=False)
-app.add_typer(reference_cli.app, name="reference")
+app.add_typer(reference.app, name="reference")
 
 
-def _tell_version(is_asked: bool) -> None:
+def _print_version(is_asked: bool) -> None:
     if is_asked:
         print("\n".join(version_lines()))
         raise typer.Exit
@@ -52,43 +37,36 @@ def palpate(
         bool,
         typer.Option(
             "--version",
-            callback=_tell_version,
+            callback=_print_version,
             is_eager=True,
-            help="tell it, and those of its parts",
+            help="print it, and those of its parts",
         ),
     ] = False,
 ) -> None:
     """Judge fast soft-tissue simulators against a FEniCSx reference."""
 
 
-@app.command()
-def cases() -> None:
-    """List the built-in cases, one line each."""
-    from palpate.validation.case import builtin_cases, load_case
-
-    for name in builtin_cases():
-        print(for_terminal(f"{name:12} {load_case(name).title}"))
-
-
-app.command()(init)
-app.command("import")(import_model)
-app.command()(schema)
-app.command()(check)
+app.command()(case_files.cases)
+app.command()(case_files.init)
+app.command("import")(case_files.import_model)
+app.command()(case_files.schema)
+app.command()(case_files.check)
 app.command()(mesh)
-app.command()(export)
-app.command()(compare)
-app.command("compare-runs")(compare_runs)
-app.command()(audit)
+app.command()(case_files.export)
+app.command()(judging.compare)
+app.command("compare-runs")(judging.compare_runs)
+app.command()(solve.audit)
 app.command()(law)
-app.command()(solve)
-app.command()(sweep)
-app.command()(touch)
+app.command()(solve.solve)
+app.command()(studies.sweep)
+app.command()(studies.touch)
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
-app.command(help=f"{gate.__doc__}\n\n{_faults}")(gate)
-app.command()(report)
-app.command(help=f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}")(study)
-app.command()(bench)
-app.command()(scoreboard)
+app.command(help=f"{judging.gate.__doc__}\n\n{_faults}")(judging.gate)
+app.command()(judging.report)
+_studies = listed("Studies:", STUDIES.items())
+app.command(help=f"{studies.study.__doc__}\n\n{_studies}")(studies.study)
+app.command()(studies.bench)
+app.command()(studies.scoreboard)
 
 
 def main() -> None:

@@ -6,23 +6,24 @@ import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from palpate.meshes.errors import InputError
-from palpate.validation.case import Case
-from palpate.validation.exchange.case_folder import FILES, is_case_folder
-from palpate.validation.references.stored import accepted_path, pending_path
-from palpate.validation.run_folder_rules import require_unprotected
+
+if TYPE_CHECKING:
+    from palpate.validation.case import Case
 
 # What a path leads to: the file itself where it exists, however it is spelled.
-Identity: TypeAlias = tuple[int, int] | str
+_Identity: TypeAlias = tuple[int, int] | str
+# Folders that version control keeps at the root of a repository.
+_ROOTS = (".git", ".hg", ".svn")
 
 
 class OutputError(InputError):
     """An output that would overwrite something, or cannot be written; `.path` names it."""
 
-    def __init__(self, path: Path, reason: str) -> None:
-        self.path = path
+    def __init__(self, path: str | Path, reason: str) -> None:
+        self.path = Path(path)
         super().__init__(f"{path}: {reason}")
 
 
@@ -38,13 +39,13 @@ def require_outputs(
     Raises:
         OutputError: One of them does; nothing was touched.
     """
-    read = {identity(path): Path(path) for path in inputs}
-    written: dict[Identity, str] = {}
+    read = {_identity(path): Path(path) for path in inputs}
+    written: dict[_Identity, str] = {}
     for option, path in outputs.items():
         if path is None:
             continue
         _require_writable(path)
-        file = identity(path)
+        file = _identity(path)
         if file in read:
             raise OutputError(
                 path, f"{option} would overwrite an input ({read[file]}); name another file"
@@ -64,10 +65,11 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
         inputs: Files that the run reads; the folder may hold none of them.
 
     Raises:
-        OutputError: A file, or a folder with files of those names.
-        RunFolderError: See `require_unprotected`.
+        OutputError: A file, a folder with files of those names, or a protected one.
     """
-    identity(folder)
+    from palpate.validation.exchange.case_folder import FILES, is_case_folder
+
+    _identity(folder)
     real = Path(os.path.realpath(folder))
     if real.exists() and not real.is_dir():
         raise OutputError(folder, "is a file; name a folder for the case")
@@ -77,6 +79,38 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
         raise OutputError(
             folder, f"has files that are no exported case's ({', '.join(taken)}); name another"
         )
+
+
+def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a folder in which nobody wants files of a run among their own.
+
+    Args:
+        path: Whether there or not.
+        inputs: Files that the run reads.
+
+    Raises:
+        OutputError: The current folder or one above it, home, a repository's root, or a folder
+            with an input.
+    """
+    target = Path(os.path.realpath(path))
+    here = Path(os.path.realpath(Path.cwd()))
+    if here.is_relative_to(target):
+        raise OutputError(
+            path,
+            "is the current folder, or one above it; "
+            f"name a folder of its own, such as {Path(path) / 'out'}",
+        )
+    home = Path(os.path.realpath(os.path.expanduser("~")))  # noqa: PTH111
+    if home.is_relative_to(target):
+        raise OutputError(path, "is your home folder, or one above it; name a folder in it")
+    for name in _ROOTS:
+        if os.path.lexists(target / name):
+            raise OutputError(
+                path, f"is the root of a repository (it holds {name}); name a folder in it"
+            )
+    for file in inputs:
+        if Path(os.path.realpath(file)).is_relative_to(target) and os.path.lexists(file):
+            raise OutputError(path, f"holds {file}, which this run reads; name a folder of its own")
 
 
 def input_files(
@@ -89,6 +123,8 @@ def input_files(
         others: Further files; None is left out.
         command: Of a simulator: every word of it that is a file here.
     """
+    from palpate.validation.references.stored import accepted_path, pending_path
+
     files = [file for case in cases for file in case.files]
     for case in cases:
         files += [accepted_path(case.name, case.beside), pending_path(case.name, case.beside)]
@@ -96,11 +132,11 @@ def input_files(
     try:
         words = shlex.split(command or "")
     except ValueError:
-        words = []  # whoever runs it tells what is wrong with it
+        words = []  # refused where the command is run
     return files + [Path(word) for word in words if os.path.isfile(word)]  # noqa: PTH113
 
 
-def identity(path: str | Path) -> Identity:
+def _identity(path: str | Path) -> _Identity:
     """The same for every spelling of a path and every link to a file.
 
     Raises:
@@ -109,7 +145,7 @@ def identity(path: str | Path) -> Identity:
     try:
         real = os.path.realpath(path)
     except ValueError as error:  # a NUL in it
-        raise OutputError(Path(path), f"no file can have this name ({error})") from error
+        raise OutputError(path, f"no file can have this name ({error})") from error
     try:
         status = os.stat(real)  # noqa: PTH116
     except OSError:
@@ -118,7 +154,7 @@ def identity(path: str | Path) -> Identity:
 
 
 def _require_writable(path: Path) -> None:
-    identity(path)  # refuses what cannot be a path
+    _identity(path)  # refuses what cannot be a path
     real = Path(os.path.realpath(path))
     if real.is_symlink():
         raise OutputError(path, "is a link that leads nowhere but to itself; name another file")

@@ -40,24 +40,19 @@ def palpate_case() -> JudgeCase:
         time_limit: float = 600.0,
         live: bool = False,
     ) -> CaseResult:
-        from palpate.validation.candidates.candidate import candidates_for, result_candidate
-        from palpate.validation.case import load_case
-        from palpate.validation.judging.judge import judge_case
+        from palpate.validation import api
         from palpate.validation.quoting import for_terminal
-        from palpate.validation.solving import known_word
-        from palpate.validation.states import Elements, Verdict
+        from palpate.validation.states import Verdict
 
         if simulator is not None and result is not None:
             raise ValueError("palpate_case takes a simulator or a result, not both")
         if element is not None and result is not None:
             raise ValueError("palpate_case takes an element of fastsim, not of a result")
-        chosen = None if element is None else known_word(Elements, element, "element")
-        candidates = (
-            candidates_for(simulator, time_limit, chosen)
+        judged = (
+            api.judge(case, simulator, element=element, live=live, time_limit=time_limit)
             if result is None
-            else [result_candidate(result)]
+            else api.compare(case, Path(result), live=live)
         )
-        judged = judge_case(load_case(case), live=live, candidate=candidates)
         if judged.verdict is not Verdict.PASSED:
             bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
             lines = [f"  {c.verdict}: {c.name}: {c.message} ({c.reason})" for c in bad]

@@ -1,38 +1,41 @@
 """A folder of results that is all old or all new: made beside, then swapped in one step.
 
-Nothing that palpate did not write is ever removed: files of the user's own in the folder of an
-old run are carried into the new one.
+A run lists what it wrote, with hashes, in a marker in the folder itself. By it alone a folder is
+known for a run's, and only that one may be replaced: a file that is not listed, or has changed
+since, belongs to somebody. Nothing that palpate did not write is ever removed: files of the
+user's own in the folder of an old run are carried into the new one.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import hashlib
+import json
 import os
 import re
 import secrets
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import held, own_mark, sweep
-from palpate.validation.run_folder_rules import (
-    RESULTS,
-    RunFolderError,
-    require_run_folder,
-    some,
-    unswapped,
-)
-from palpate.validation.run_marker import MARKER, files_of, folders_of, leave_marker, read_marker
+from palpate.validation.output_files import OutputError, require_unprotected
+from palpate.validation.versions import version_of
 
-__all__ = ["MARKER", "RESULTS", "RunFolderError", "require_run_folder", "run_folder"]
-
+# The numbers of a run, for other programs.
+RESULTS = "results.json"
+MARKER = ".palpate-run.json"
+_SCHEMA = 1
+_SHOWN = 5
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _TEMPORARY = re.compile(r"\.(?P<target>.+)\.palpate-run-(?P<process>\d+)-[0-9a-f]{8}")
+T = TypeVar("T")
 
 
 @contextmanager
@@ -56,14 +59,14 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
         sweep(target.parent, _TEMPORARY, lambda left: _remove(left, _target_of(left)))
         fresh.mkdir()
     except OSError as error:
-        raise RunFolderError(path, f"cannot be written ({error.strerror or error})") from error
+        raise OutputError(path, f"cannot be written ({error.strerror or error})") from error
     try:
         with held(fresh):
             try:
                 yield fresh
-                leave_marker(fresh)
+                _write_marker(fresh)
             except OSError as error:
-                raise RunFolderError(
+                raise OutputError(
                     path,
                     f"could not be written ({error.strerror or error}); "
                     "what was there before is unchanged",
@@ -74,7 +77,7 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
             except (InputError, OSError) as error:
                 beside = _free_name(target)
                 fresh.rename(beside)
-                raise RunFolderError(
+                raise OutputError(
                     path,
                     f"could not be replaced when the run was done, so it is in {beside} ({error})",
                 ) from error
@@ -84,17 +87,175 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
             _remove(fresh, target)
 
 
+def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a folder that a run may not replace, before anything is solved.
+
+    Args:
+        path: Not there yet, empty, or the folder of an earlier run.
+        inputs: Files that the run reads; the folder may hold none of them.
+
+    Raises:
+        OutputError: A file, the current folder or one above it, home, a repository's root, a
+            folder with an input, one with files but no run's, or a run's files that were changed.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+    except ValueError as error:
+        raise OutputError(path, f"no folder can have this name ({error})") from error
+    if target.exists() and not target.is_dir():
+        raise OutputError(path, "is a file; name a folder for the results")
+    require_unprotected(path, inputs=inputs)
+    if target.is_mount():
+        raise OutputError(path, "is a mount point and cannot be swapped; name a folder in it")
+    if target.is_dir():
+        _unswapped(target, lambda: _require_replaceable(path, target))
+    above = next(folder for folder in target.parents if folder.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        raise OutputError(path, f"cannot be written: {above} does not allow it")
+
+
+def _require_replaceable(path: str | Path, target: Path) -> None:
+    try:
+        hashes = _read_marker(target)
+        files = _files_of(target)
+    except OSError as error:
+        raise OutputError(path, f"cannot be read ({error.strerror or error})") from error
+    if hashes is None and files:
+        raise OutputError(
+            path,
+            f"holds files but no {MARKER}, so they are no palpate run's ({_some(files)}); look "
+            "through it and remove it yourself, or name another folder",
+        )
+    listed = [name for name in files if name in (hashes or {})]
+    changed = [name for name in listed if not _is_own(target, name, hashes or {})]
+    if changed:
+        raise OutputError(
+            path,
+            f"files of an earlier run that were changed since ({_some(changed)}) would be "
+            "replaced; move them, or name another folder",
+        )
+
+
+def _unswapped(target: Path, look: Callable[[], T]) -> T:
+    """Look at a folder, again where another run put its own in its place meanwhile."""
+    for _ in range(20):
+        before = _number(target)
+        try:
+            found = look()
+        except (InputError, OSError):
+            if _number(target) == before:
+                raise
+            continue
+        if _number(target) == before:
+            return found
+    raise OutputError(target, "other runs keep replacing it; name another folder")
+
+
+def _number(folder: Path) -> int | None:
+    try:
+        return folder.stat().st_ino
+    except OSError:
+        return None
+
+
+def _some(names: list[str]) -> str:
+    """The first few names of a list, and how many more."""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more
+
+
+def _write_marker(folder: Path) -> None:
+    """List all files of a folder, which are a run's, in the folder."""
+    document = {
+        "palpate_run": _SCHEMA,
+        "palpate": version_of("palpate"),
+        "about": "Files that palpate wrote, with their SHA-256: the next run may replace these "
+        "and no others.",
+        "files": {name: _hash(folder / name) for name in _files_of(folder)},
+    }
+    text = json.dumps(document, indent=1) + "\n"
+    (folder / MARKER).write_text(text, encoding="utf-8")
+
+
+def _read_marker(folder: Path) -> dict[str, str] | None:
+    """SHA-256 of every file that a run wrote, by its path in the folder; None without a marker.
+
+    Raises:
+        InputError: A marker that is damaged, or of a later palpate.
+    """
+    path = folder / MARKER
+    damaged = InputError(
+        f"{path}: damaged, so what palpate wrote there is not known; "
+        "look through the folder and remove it, or name another one"
+    )
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise damaged from error
+    if not isinstance(document, dict) or not isinstance(document.get("files"), dict):
+        raise damaged
+    if document.get("palpate_run") != _SCHEMA:
+        raise InputError(f"{path}: of another version of palpate; name another folder")
+    files: dict[str, str] = document["files"]
+    for name, digest in files.items():
+        parts = PurePosixPath(name)
+        is_inside = parts.parts and not parts.is_absolute() and ".." not in parts.parts
+        if not isinstance(digest, str) or not is_inside:
+            raise damaged
+    return files
+
+
+def _is_own(folder: Path, name: str, hashes: Mapping[str, str]) -> bool:
+    """Whether a file of the folder is as the run wrote it."""
+    path = folder / name
+    if name not in hashes or path.is_symlink() or not path.is_file():
+        return False
+    return _hash(path) == hashes[name]
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _files_of(folder: Path) -> list[str]:
+    """Everything in a folder that is no folder, links included, sorted; without the marker.
+
+    Raises:
+        OSError: A folder in it that cannot be read.
+    """
+    found = []
+    for where, names, files in os.walk(folder, onerror=_raise):
+        links = [name for name in names if Path(where, name).is_symlink()]
+        found += [Path(where, name).relative_to(folder).as_posix() for name in (*files, *links)]
+    return sorted(name for name in found if name != MARKER)
+
+
+def _folders_of(folder: Path) -> list[str]:
+    """Folders in a folder, outer ones first; links are not followed."""
+    found = []
+    for where, names, _ in os.walk(folder, onerror=_raise):
+        found += [Path(where, n).relative_to(folder).as_posix() for n in names]
+    return sorted(name for name in found if not (folder / name).is_symlink())
+
+
+def _raise(error: OSError) -> None:
+    raise error
+
+
 def _swap_in(fresh: Path, target: Path) -> None:
     mask = os.umask(0)
     os.umask(mask)
     fresh.chmod(0o777 & ~mask)
     for _ in range(20):
         if not (target / MARKER).exists():
-            if os.name == "nt":  # where a rename takes nobody's place, not even an empty folder's
+            if os.name == "nt":  # where a rename replaces nothing, not even an empty folder
                 with contextlib.suppress(OSError):
                     target.rmdir()
             try:
-                fresh.rename(target)  # takes the place of an empty folder too, and of no other
+                fresh.rename(target)  # replaces an empty folder too, and no other
                 return
             except OSError:
                 if not (target / MARKER).exists():
@@ -108,26 +269,25 @@ def _swap_in(fresh: Path, target: Path) -> None:
             fresh.rename(target)
             old.rename(fresh)
         return
-    raise RunFolderError(target, "could not be replaced; is it in use?")
+    raise OutputError(target, "could not be replaced; is it in use?")
 
 
 def _carry(old: Path, fresh: Path) -> None:
     """Put the user's own files of an old run into a new one: as links where that works."""
 
     def look() -> tuple[list[str], list[str]]:
-        marker = read_marker(old)
-        listed = marker.hashes if marker is not None else {}
+        listed = _read_marker(old) or {}
         made = {parent.as_posix() for name in listed for parent in Path(name).parents}
         return (
-            [name for name in folders_of(old) if name not in made],
-            [name for name in files_of(old) if name not in listed],
+            [name for name in _folders_of(old) if name not in made],
+            [name for name in _files_of(old) if name not in listed],
         )
 
-    folders, files = unswapped(old, look)
+    folders, files = _unswapped(old, look)
     taken = [name for name in (*folders, *files) if os.path.lexists(fresh / name)]
     if taken:
-        raise RunFolderError(
-            old, f"your own files there have names of the new run's ({some(taken)}); move them"
+        raise OutputError(
+            old, f"your own files there have names of the new run's ({_some(taken)}); move them"
         )
     for name in folders:
         (fresh / name).mkdir(parents=True)
@@ -141,28 +301,28 @@ def _carry(old: Path, fresh: Path) -> None:
 
 
 def _remove(run: Path, target: Path) -> None:
-    """Remove what a run wrote, and what `target` has as well; whatever else is there is kept.
+    """Remove what a run wrote, and what `target` has as well; whatever else is there stays.
 
     Without a marker it was never finished, and all of it is palpate's.
     """
     if not run.exists():
         return
-    marker = read_marker(run)
-    if marker is None:
+    hashes = _read_marker(run)
+    if hashes is None:
         shutil.rmtree(run)
         return
-    for name in files_of(run):
-        if marker.is_own(run, name) or _is_same(run / name, target / name):
+    for name in _files_of(run):
+        if _is_own(run, name, hashes) or _is_same(run / name, target / name):
             (run / name).unlink()
-    left = files_of(run)
+    left = _files_of(run)
     if left:
         # Written into the old folder in the very moment of the swap.
-        kept = _free_name(target)
-        run.rename(kept)
-        print(f"palpate: kept in {kept}: {some(left)}", file=sys.stderr)
+        beside = _free_name(target)
+        run.rename(beside)
+        print(f"palpate: kept in {beside}: {_some(left)}", file=sys.stderr)
         return
     (run / MARKER).unlink()
-    for name in reversed(folders_of(run)):
+    for name in reversed(_folders_of(run)):
         (run / name).rmdir()
     run.rmdir()
 
@@ -189,10 +349,9 @@ def _free_name(target: Path) -> Path:
 
 def _exchange(one: Path, other: Path) -> bool:
     """Swap two folders in one step (Linux renameat2); False where there is no such call."""
-    if not sys.platform.startswith("linux"):
-        return False
-    library = ctypes.CDLL(None, use_errno=True)
-    call = getattr(library, "renameat2", None)
+    call = None
+    if sys.platform.startswith("linux"):
+        call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if call is None:
         return False
     result: int = call(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE)

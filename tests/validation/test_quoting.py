@@ -21,7 +21,7 @@ from rich.console import Console
 from palpate.validation import quoting
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
-from palpate.validation.commands.words import progress_lines
+from palpate.validation.commands.options import progress_lines
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import github_annotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +11,13 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
-from palpate.validation.commands.words import SimulatorCommand, TimeLimit, progress_lines
-from palpate.validation.quoting import for_json, for_terminal
+from palpate.validation.commands.options import (
+    SimulatorCommand,
+    TimeLimit,
+    print_lines,
+    progress_lines,
+    write_json,
+)
 from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
@@ -54,7 +58,6 @@ def law(
 
     Of another simulator the stress alone, by bodies of single cells that it brings to rest.
     """
-    from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.candidates.outside import OutsideSimulator
     from palpate.validation.diagnosis import law_checks as checks
     from palpate.validation.diagnosis.law_outside import check_simulator
@@ -89,10 +92,8 @@ def law(
     caught = checks.self_test(whose, material)
     for mistake, findings in caught.items():
         says = f"seen by {findings[0].check}: {findings[0].message}" if findings else "NOT SEEN"
-        print(for_terminal(f"{mistake}: {says}"))
-    if json is not None:
-        text = json_format.dumps({name: bool(found) for name, found in caught.items()}, indent=2)
-        write_text_atomically(json, text + "\n")
+        print_lines([f"{mistake}: {says}"])
+    write_json(json, {name: bool(found) for name, found in caught.items()})
     if not all(caught.values()):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -101,39 +102,36 @@ def _ogden_terms(given: list[str]) -> tuple[tuple[float, float], ...]:
     """By what was given on the command line."""
     try:
         terms = [tuple(float(number) for number in of.split(",")) for of in given]
-        return tuple((share, alpha) for share, alpha in terms)
+        return tuple((part, alpha) for part, alpha in terms)
     except ValueError:
         raise InputError(f"--ogden {' '.join(given)}: each is two numbers, like 0.7,1.3") from None
 
 
 def _end(material: Material, who: str, found: list[Finding], json: Path | None) -> None:
-    """Tell the findings, write them, and end by the worst."""
-    from palpate.meshes.atomic_write import write_text_atomically
-
-    print(for_terminal(f"{material.law}, E = {material.youngs_modulus:g} Pa, "
-                       f"nu = {material.poissons_ratio:g}, by {who}"))  # fmt: skip
-    for finding in found:
-        verdict = "passed" if finding.is_good else "FAILED"
-        line = f"{finding.check:16} {finding.kind:16} {finding.error:9.2e} <= {finding.limit:g}"
-        print(for_terminal(f"  {line}  {verdict}"))
-    wrong = [finding for finding in found if not finding.is_good]
-    for finding in wrong:
-        print(for_terminal(f"failed: {finding.check}, {finding.kind}: {finding.message}"))
-        print(for_terminal(f"  at F = {finding.worst.round(6).tolist()}"))
-    if json is not None:
-        rows = [
-            {
-                "check": finding.check,
-                "kind": finding.kind,
-                "error": finding.error,
-                "limit": finding.limit,
-                "verdict": "passed" if finding.is_good else "failed",
-                "worst": finding.worst.tolist(),
-                "message": finding.message,
-            }
-            for finding in found
-        ]
-        document = {"law": material.law.value, "of": who, "findings": rows}
-        write_text_atomically(json, json_format.dumps(for_json(document), indent=2) + "\n")
+    """Print the findings, write them, and end by the worst."""
+    about = f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}"
+    lines = [f"{material.law}, {about}, by {who}"]
+    for each in found:
+        error = f"{each.error:9.2e} <= {each.limit:g}"
+        verdict = "passed" if each.is_good else "FAILED"
+        lines.append(f"  {each.check:16} {each.kind:16} {error}  {verdict}")
+    wrong = [each for each in found if not each.is_good]
+    for each in wrong:
+        lines.append(f"failed: {each.check}, {each.kind}: {each.message}")
+        lines.append(f"  at F = {each.worst.round(6).tolist()}")
+    print_lines(lines)
+    rows = [
+        {
+            "check": each.check,
+            "kind": each.kind,
+            "error": each.error,
+            "limit": each.limit,
+            "verdict": "passed" if each.is_good else "failed",
+            "worst": each.worst.tolist(),
+            "message": each.message,
+        }
+        for each in found
+    ]
+    write_json(json, {"law": material.law.value, "of": who, "findings": rows})
     if wrong:
         raise typer.Exit(ExitCode.FAILED)

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.words import progress_lines
+from palpate.validation.commands.options import print_lines, progress_lines
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from palpate.fastsim.critical_cells import CriticalCells
+    from palpate.meshes.arrays import Points
     from palpate.meshes.repair.choices import RepairChoices
+
+# E [Pa], nu, density [kg/m3] where no material is stated: a step is then a length over the speed of
+# pressure waves.
+_TISSUE = (1e4, 0.45, 1000.0)
 
 
 class Mesher(StrEnum):
@@ -87,7 +95,6 @@ def mesh(
     from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
     from palpate.validation.case.meshing import Filling
     from palpate.validation.case.units import LENGTH, Units
-    from palpate.validation.commands.step_words import TISSUE, step_lines, verdict_line
     from palpate.validation.output_files import require_outputs
 
     if unit not in LENGTH:
@@ -144,7 +151,7 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
-    tissue = TISSUE if material is None else Material(*material)
+    tissue = Material(*(material or _TISSUE))
     how = Filling(
         progress=progress_lines(),
         time_limit=time_limit,
@@ -166,10 +173,9 @@ def mesh(
     )
     print(for_terminal(line))
     critical = find_critical_cells(built.mesh, tissue)
-    for words in step_lines(critical, is_stated=material is not None, scale=scale, unit=unit):
-        print(for_terminal(words))
+    print_lines(_step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
     if target_step is not None:
-        print(for_terminal(verdict_line(critical, target_step, scale, unit)))
+        print(for_terminal(_verdict_line(critical, target_step, scale, unit)))
 
 
 def _inclusions(given: list[str]) -> list[tuple[str, Path]]:
@@ -210,3 +216,51 @@ def _choices(
         largest_hole=LARGEST_HOLE if largest_hole is None else largest_hole,
         smallest_shell=(smallest_shell or 0.0) * scale,
     )
+
+
+def _step_lines(
+    critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
+) -> Iterator[str]:
+    """The step, and the cells that decide it.
+
+    Args:
+        critical: Of the mesh.
+        is_stated: Whether the material is the user's; otherwise steps are lengths over c.
+        scale: Metres per unit of the file.
+        unit: Its name.
+    """
+
+    def shown(step: float) -> str:
+        if is_stated:
+            return f"{step:.4g} s"
+        return f"{step * critical.wave_speed / scale:.4g} {unit} / c"
+
+    which = "" if is_stated else " (c: speed of pressure waves, Poisson's ratio 0.45)"
+    yield f"critical time step {shown(critical.time_step)}{which}, decided by"
+    for cell, step, point in zip(critical.cells, critical.steps, critical.places, strict=True):
+        yield f"  cell {cell} at {_at(point, scale)}: {shown(step)}"
+    yield (
+        f"  the thinnest facet, at {_at(critical.surface_place, scale)}, allows at most "
+        f"{shown(critical.surface_step)}"
+    )
+
+
+def _verdict_line(critical: CriticalCells, target: float, scale: float, unit: str) -> str:
+    """Whether a step was reached [s], and if not, why."""
+    if critical.time_step >= target:
+        return f"target step {target:g} s reached"
+    if critical.surface_step < target:
+        why = (
+            f"the facet at {_at(critical.surface_place, scale)} {unit} forces at most "
+            f"{critical.surface_step:.4g} s on any cell behind it: use --free, or a coarser surface"
+        )
+    else:
+        why = (
+            "no facet by itself forbids it, but moved, flipped and inserted inner points came no "
+            f"further near {_at(critical.places[0], scale)} {unit}: use --free, or longer edges"
+        )
+    return f"target step {target:g} s not reached ({critical.time_step:.4g} s): {why}"
+
+
+def _at(point: Points, scale: float) -> str:
+    return "({:.4g}, {:.4g}, {:.4g})".format(*(float(x) / scale for x in point))

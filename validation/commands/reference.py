@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.words import progress_lines
-from palpate.validation.quoting import for_terminal
+from palpate.validation.commands.options import print_lines, progress_lines
 from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def _chosen(names: list[str] | None) -> list[str]:
     return names or list(builtin_cases())
 
 
-def _tell_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) -> None:
+def _print_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) -> None:
     """Print what is said of each case's accepted reference; refusals come last, all of them."""
     from palpate.validation.case import load_case
     from palpate.validation.references.stored import accepted_path
@@ -47,8 +46,7 @@ def _tell_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) 
         except InputError as error:
             troubles.append(str(error))
             continue
-        for line in found:
-            print(for_terminal(line))
+        print_lines(found)
     if troubles:
         raise InputError("; ".join(troubles))
 
@@ -100,8 +98,7 @@ def build(names: Cases = None) -> None:
         path = pending_path(case.name, case.beside)
         store(case.name, case.problem, found, provenance, path=path)
         print(path)
-        for line in describe_changes(accepted_path(case.name, case.beside), path):
-            print(for_terminal(f"  {line}"))
+        print_lines(describe_changes(accepted_path(case.name, case.beside), path), "  ")
         print(f"  not used before `palpate reference accept {name} --reason TEXT`")
 
 
@@ -125,7 +122,7 @@ def check(names: Cases = None) -> None:
         made = f"{case.name}: {stored.origin}, made {date}{describe_time(stored)}"
         return [made, f"  {accepted}"] if accepted else [made]
 
-    _tell_each(_chosen(names), lines)
+    _print_each(_chosen(names), lines)
 
 
 @app.command()
@@ -156,5 +153,4 @@ def accept(
             "changes": changes,
         }
         print(accept_pending(case.name, case.problem, acceptance, beside=case.beside))
-        for line in changes:
-            print(for_terminal(f"  {line}"))
+        print_lines(changes, "  ")

@@ -1,18 +1,52 @@
-"""`palpate solve`: a case solved by fastsim, its condensed model or the reference, and written."""
+"""`palpate solve|audit`: a case solved and written; a result beside the equations of its case."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element
 from palpate.reference.result import Formulation
-from palpate.validation.commands.words import Device, OneCase, progress_lines
+from palpate.validation.commands.options import (
+    Device,
+    ElementOfResult,
+    OneCase,
+    OptionalFile,
+    ResultFile,
+    StrainOfCase,
+    print_lines,
+    progress_lines,
+    write_json,
+)
+from palpate.validation.output_files import input_files, require_outputs
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import Method
+from palpate.validation.states import ExitCode, Method
+
+if TYPE_CHECKING:
+    from palpate.reference.result import Audit
+    from palpate.validation.candidates.candidate import Candidate
+
+_INVERTED = "a cell is inverted"
+# What has to be a number, and how it is called.
+_NUMBERS = {
+    "residual_norm": "residual",
+    "relative_residual_norm": "relative residual",
+    "support_gap": "gap of the supports",
+    "force_imbalance": "force out of balance",
+    "moment_imbalance": "moment out of balance",
+    "strain_energy": "strain energy",
+    "volume": "volume",
+    "smallest_det_f": "smallest det F",
+    "displacement_error": "estimated error of displacement",
+    "volume_error": "estimated error of volume",
+}
+_STABLE = {True: "yes", False: "no", None: "not asked"}
 
 
 def solve(
@@ -21,7 +55,7 @@ def solve(
         Path, typer.Option("--output", "-o", help=".vtu or .vtk; .npz holds a whole motion")
     ],
     simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
-    strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
+    strain: StrainOfCase = None,
     degree: Annotated[int, typer.Option(min=1, max=3, help="of the reference")] = 1,
     method: Annotated[
         Method, typer.Option(help="fastsim's way to equilibrium; relaxation: explicit steps")
@@ -41,7 +75,6 @@ def solve(
     """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
     from palpate.validation.case import load_case
     from palpate.validation.exchange.result_files import require_written_kind, write_solution
-    from palpate.validation.output_files import input_files, require_outputs
 
     require_written_kind(output)
     loaded = load_case(case)
@@ -59,3 +92,153 @@ def solve(
         progress=progress_lines(),
     )
     print(write_solution(output, problem, state))
+
+
+def audit(
+    case: OneCase,
+    result: Annotated[Path | None, ResultFile] = None,
+    with_: Annotated[
+        Simulator | None,
+        typer.Option("--with", help="condensed: instead, what it answers by linear strain"),
+    ] = None,
+    strain: StrainOfCase = None,
+    degree: Annotated[
+        int,
+        typer.Option(
+            min=1, max=3, help="1 judges the solver; 2 and 3 the mesh too, and need FEniCSx"
+        ),
+    ] = 2,
+    element: ElementOfResult = None,
+    limit: Annotated[
+        float | None,
+        typer.Option(
+            help="of the relative residual, and of the supports' gap over the largest "
+            "displacement; above it the exit code is 1"
+        ),
+    ] = None,
+    json: OptionalFile = None,
+    cells: Annotated[
+        Path | None,
+        typer.Option(help=".vtu with each cell's part, where to refine, and by how much it turns"),
+    ] = None,
+) -> None:
+    """Measure a result against the equations it should satisfy, without solving them."""
+    import numpy as np
+
+    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
+    from palpate.validation.api import audit_result
+    from palpate.validation.case import load_case
+    from palpate.validation.metrics.linear_validity import cell_rotations
+
+    if limit is not None and not 0.0 < limit < 1.0:
+        raise InputError(
+            f"--limit {limit:g}: needs a value above 0 and below 1; an answer in which nothing "
+            "moves is wrong by 1, and so is one that misses its supports by all that it moves"
+        )
+    if cells is not None and cells.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
+    judged = _audited(result, with_, element)
+    loaded = load_case(case)
+    require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
+    used, progress = strain or loaded.strain, progress_lines()
+    state, found = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
+    wrong = failures(found, limit)
+    # Of a mesh of its own the audit sees the case's points only.
+    if not wrong and not state.smallest_det_f > 0.0:
+        wrong = [_INVERTED]
+    print_lines((*describe(found), *state.remarks))
+    write_json(json, as_numbers(found, wrong))
+    if cells is not None:
+        mesh = loaded.problem.mesh
+        turned = np.degrees(cell_rotations(mesh, state.displacement))
+        write_mesh(
+            cells,
+            mesh,
+            point_data={"displacement": state.displacement},
+            cell_data={"residual_norm": found.cell_errors, "rotation_degrees": turned},
+        )
+    print_lines(wrong, "failed: ")
+    if wrong:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _audited(
+    result: Path | None, simulator: Simulator | None, element: Element | None
+) -> Candidate:
+    """A file, or the condensed model's answer by linear strain, whatever it is held against."""
+    from palpate.validation.candidates.candidate import linear_candidate, result_candidate
+
+    if (result is None) == (simulator is None):
+        raise InputError("name a result, or say --with condensed")
+    if result is not None:
+        return result_candidate(result, element)
+    if simulator is not Simulator.CONDENSED:
+        raise InputError(f"--with {simulator}: solve with it, and audit what it has written")
+    return linear_candidate(element or Element.LINEAR)
+
+
+def failures(audit: Audit, limit: float | None = None) -> list[str]:
+    """Why what was audited is no answer of the case, a line each; none where it may be one.
+
+    Without a limit: numbers that are none, and cells that are inverted, which no body can be, not
+    under linear strain either. With one: it holds the residual, and the supports as well, whose
+    forces the residual knows nothing of; and the equilibrium has to be one that a body stays in.
+
+    Args:
+        audit: What was found.
+        limit: Of the residual over the displacement's own norm, and of the supports' gap over the
+            largest displacement [-].
+    """
+    numbers = {name: getattr(audit, attribute) for attribute, name in _NUMBERS.items()}
+    found = [
+        f"the {name} is {value:g}, no finite number"
+        for name, value in numbers.items()
+        if value is not None and not math.isfinite(value)
+    ]
+    if audit.smallest_det_f <= 0.0:
+        found.append(_INVERTED)
+    if limit is None or found:
+        return found
+    if audit.relative_residual_norm > limit:
+        found.append(f"relative residual {audit.relative_residual_norm:.3g} > {limit:g}")
+    if audit.relative_support_gap > limit:
+        found.append(
+            f"supports missed by {audit.relative_support_gap:.3g} of the largest displacement "
+            f"> {limit:g}"
+        )
+    if audit.is_stable is False:
+        found.append("the equilibrium is not stable: a body does not stay in it")
+    if audit.displacement_error is None:
+        found.append("the tangent is singular there: no equilibrium is near")
+    return found
+
+
+def describe(audit: Audit) -> list[str]:
+    """One line for each thing an audit says."""
+    volume, displacement = audit.volume_error, audit.displacement_error
+    return [
+        f"audit on degree {audit.degree}, {audit.strain} strain",
+        f"  residual, energy-dual norm      {audit.residual_norm:.3e} J^(1/2), "
+        f"{audit.relative_residual_norm:.3e} of the displacement's",
+        f"  supports missed by              {audit.support_gap:.3e} m, "
+        f"{audit.relative_support_gap:.3e} of the largest displacement",
+        f"  forces out of balance           {audit.force_imbalance:.3e} N",
+        f"  moments out of balance          {audit.moment_imbalance:.3e} N m",
+        f"  strain energy                   {audit.strain_energy:.9g} J",
+        f"  volume                          {audit.volume:.9g} m3",
+        f"  smallest det F                  {audit.smallest_det_f:.6g}",
+        f"  stable                          {_STABLE[audit.is_stable]}",
+        "  estimated error of displacement " + _estimate(displacement, "of its L2 norm"),
+        "  estimated error of volume       " + _estimate(volume, "of its change"),
+    ]
+
+
+def as_numbers(audit: Audit, wrong: list[str]) -> dict[str, Any]:
+    """An audit as plain data, without the cells, with why it failed."""
+    values = dataclasses.asdict(audit)
+    values.pop("cell_errors")
+    return values | {"relative_support_gap": audit.relative_support_gap, "failures": wrong}
+
+
+def _estimate(value: float | None, scale: str) -> str:
+    return "none: not near an equilibrium" if value is None else f"{value:+.3e} {scale}"

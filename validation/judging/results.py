@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict, gravest
+
+if TYPE_CHECKING:
+    from palpate.validation.diagnosis import Diagnosis
 
 # Relative: sums in another order.
 _SUMS = 1e-9

@@ -14,7 +14,7 @@ from palpate.reference.child import run_task
 from palpate.reference.tasks import AuditTask
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
-from palpate.validation.commands.audit import failures
+from palpate.validation.commands.solve import failures
 from palpate.validation.references.stored import load_stored
 
 pytestmark = pytest.mark.dolfinx

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.bench import bench, print_bench
+from palpate.validation.commands.studies import bench, print_bench
 from palpate.validation.peers import bench as run
 from palpate.validation.peers import bench_steps as steps
 from palpate.validation.peers.registry import Tool

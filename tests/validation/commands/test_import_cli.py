@@ -10,7 +10,7 @@ import pytest
 
 from palpate.meshes.errors import InputError
 from palpate.validation.case import load_case
-from palpate.validation.commands.importing import import_model
+from palpate.validation.commands.case_files import import_model
 from palpate.validation.importing import UnitSystem
 from palpate.validation.output_files import OutputError
 from palpate.validation.report.preview import look_at

@@ -1,20 +1,21 @@
-"""Arguments, options, lines of help and of progress that several verbs share."""
+"""Arguments, options, lines of help and of progress, and files that several verbs share."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element
+from palpate.meshes.problem import Element, Strain
 from palpate.reference.schemes import Integrator
-from palpate.validation.quoting import for_terminal
+from palpate.validation.quoting import for_json, for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements, Precision, Progress
 
@@ -23,7 +24,7 @@ def is_condensed(simulator: Simulator) -> bool:
     """Whether fastsim's condensed model is judged, and not fastsim itself.
 
     Raises:
-        InputError: The reference, which is what others are held against.
+        InputError: The reference, which is what others are compared with.
     """
     if simulator is Simulator.REFERENCE:
         raise InputError("--with reference: the reference is no candidate; take fastsim's engines")
@@ -53,6 +54,12 @@ OptionalCases = Annotated[
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
 OptionalFile = Annotated[Path | None, typer.Option()]
+Expected = Annotated[
+    bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
+]
+Live = Annotated[bool, typer.Option(help="solve the reference here")]
+ResultFile = typer.Argument(help="displacement as .vtu, .npz or .csv")
+StrainOfCase = Annotated[Strain | None, typer.Option(help="default: the case's")]
 ChosenElements = Annotated[
     Elements | None,
     typer.Option("--element", help="of fastsim's tetrahedra; both: beside one another"),
@@ -100,3 +107,17 @@ def progress_lines() -> Progress:
     if not console.is_terminal:  # a log: nothing to lay out, and many lines
         return lambda line: print(f"  {for_terminal(line)}", file=sys.stderr, flush=True)
     return lambda line: console.print(Text(f"  {for_terminal(line)}", style="dim"), soft_wrap=True)
+
+
+def print_lines(lines: Iterable[str], prefix: str = "") -> None:
+    """Print words of others on standard output, a line each."""
+    for line in lines:
+        print(for_terminal(f"{prefix}{line}"))
+
+
+def write_json(path: Path | None, document: Any) -> None:
+    """Write strict JSON, whole or not at all; nothing where no file was asked for."""
+    from palpate.meshes.atomic_write import write_text_atomically
+
+    if path is not None:
+        write_text_atomically(path, json.dumps(for_json(document), indent=2) + "\n")

@@ -1,0 +1,144 @@
+"""`palpate cases|init|schema|check|import|export`: case files, before anything is solved."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.meshes.errors import InputError
+from palpate.validation.commands.options import (
+    OneCase,
+    StrainOfCase,
+    print_lines,
+    progress_lines,
+)
+from palpate.validation.importing.model import UnitSystem
+from palpate.validation.output_files import OutputError, input_files, require_outputs
+
+if TYPE_CHECKING:
+    from palpate.validation.case import Case
+
+_CaseFile = Annotated[Path, typer.Option("--output", "-o", help="the case file, .toml")]
+
+
+def cases() -> None:
+    """List the built-in cases, one line each."""
+    from palpate.validation.case import builtin_cases, load_case
+
+    print_lines(f"{name:12} {load_case(name).title}" for name in builtin_cases())
+
+
+def init(
+    output: _CaseFile,
+    surface: Annotated[
+        Path | None, typer.Argument(help="a surface or mesh file beside it; a box without one")
+    ] = None,
+    unit: Annotated[str, typer.Option(help="of the file: m, cm or mm")] = "mm",
+    repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
+) -> None:
+    """Write a case file to start from: every key with what it means, loads guessed and marked."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.case import load_case
+    from palpate.validation.case.writing import first_case
+
+    if output.suffix != ".toml":
+        raise InputError(f"{output}: a case file needs the ending .toml")
+    require_outputs({"--output": output}, inputs=[] if surface is None else [surface])
+    _require_new(output)
+    text = first_case(surface, target=output, unit=unit, repair=repair)
+    write_text_atomically(output, text)
+    load_case(output)
+    print(f"{output}: look at what is marked GUESS, then: palpate check {output}")
+
+
+def schema(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help=".json; printed where not given")
+    ] = None,
+) -> None:
+    """Write the keys of a case file as a JSON Schema, for editors."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.case.schema_keys import editor_schema
+
+    require_outputs({"--output": output})
+    text = json.dumps(editor_schema(), indent=2, ensure_ascii=False) + "\n"
+    if output is None:
+        print(text, end="")
+        return
+    write_text_atomically(output, text)
+    print(f"{output}: in a case file, first line: #:schema ./{output.name}")
+
+
+def check(
+    case: OneCase,
+    picture: Annotated[
+        Path | None, typer.Option(help=".png of body, supports, loads and tools")
+    ] = None,
+) -> None:
+    """Read and mesh a case; say sizes, loads, what it will cost, and what looks wrong."""
+    from palpate.validation.case import load_case
+
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"--picture {picture}: name a file with .png")
+    loaded = load_case(case)
+    require_outputs({"--picture": picture}, inputs=input_files([loaded]))
+    progress_lines()(f"reading and meshing {loaded.name}")
+    _print_preview(loaded)
+    if picture is not None:
+        from palpate.validation.report.pictures import draw_case
+
+        draw_case(loaded, picture)
+        print(f"{picture}: body, supports, loads and tools")
+
+
+def import_model(
+    model: Annotated[Path, typer.Argument(help=".feb, .inp (Abaqus, CalculiX) or MuJoCo's .xml")],
+    output: _CaseFile,
+    units: Annotated[
+        UnitSystem | None, typer.Option(help="of the file: length, force, stress")
+    ] = None,
+) -> None:
+    """Make a case of another simulator's model, or say which line of it no case can hold."""
+    from palpate.validation.case import load_case
+    from palpate.validation.importing import import_model as make_case
+
+    mesh = output.with_suffix(".msh")
+    require_outputs({"--output": output, "its mesh": mesh}, inputs=[model])
+    _require_new(output, mesh)
+    imported = make_case(model, output, units)
+    print_lines(imported.told, "note: ")
+    print_lines(imported.ignored, "left out: ")
+    _print_preview(load_case(output))
+    print(f"{output} and {mesh.name}: look at what is marked GUESS, then: palpate report {output}")
+
+
+def export(
+    case: OneCase,
+    output: Annotated[Path, typer.Option("--output", "-o", help="folder")],
+    strain: StrainOfCase = None,
+) -> None:
+    """Write a case as a folder that other simulators can read: case.json, rest.vtu, rest.npz."""
+    from palpate.validation import api
+
+    loaded = api.load_case(case)
+    used = strain or loaded.strain
+    api.export(loaded, output, strain=used)
+    print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
+
+
+def _require_new(*paths: Path) -> None:
+    for path in paths:
+        if path.exists():
+            raise OutputError(path, "is there already; name another file")
+
+
+def _print_preview(case: Case) -> None:
+    """What a case is and will cost, and what looks wrong in it."""
+    from palpate.validation.report.preview import look_at
+
+    look = look_at(case)
+    print_lines(look.lines)
+    print_lines(look.warnings, "warning: ")

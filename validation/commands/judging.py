@@ -1,0 +1,380 @@
+"""`palpate gate|report|compare|compare-runs`: what ends with a verdict as its exit code."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.commands.options import (
+    AskedTimeStep,
+    ChosenElements,
+    ChosenEngine,
+    Device,
+    ElementOfResult,
+    Expected,
+    Folder,
+    GrantedPrecision,
+    Live,
+    OneCase,
+    OptionalCases,
+    OptionalFile,
+    ResultFile,
+    SimulatorCommand,
+    StatedIntegrator,
+    TimeLimit,
+    ToldIterations,
+    is_condensed,
+    print_lines,
+    progress_lines,
+)
+from palpate.validation.quoting import for_terminal
+from palpate.validation.report import FigureForm
+from palpate.validation.solving import Simulator
+from palpate.validation.states import ExitCode, Precision
+
+if TYPE_CHECKING:
+    from palpate.validation.case import Case
+    from palpate.validation.judging.results import CaseResult
+
+
+def gate(
+    names: OptionalCases = None,
+    json: OptionalFile = None,
+    junit: OptionalFile = None,
+    summary: OptionalFile = None,
+    live: Live = False,
+    fault: Annotated[
+        Fault, typer.Option(metavar="FAULT", help="seed one of those above: the gate goes red")
+    ] = Fault.NONE,
+    element: ChosenElements = None,
+    with_: ChosenEngine = Simulator.FASTSIM,
+    simulator: SimulatorCommand = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    versus: Annotated[
+        str | None,
+        typer.Option(
+            help="compare it with this simulator, or build of it, without a reference; fastsim: "
+            "its compiled core"
+        ),
+    ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="METRIC=VALUE", help="of --versus; default: those on the same mesh"),
+    ] = None,
+    law: Annotated[
+        list[Law] | None,
+        typer.Option(help="in the place of the case's; repeatable; the reference is solved here"),
+    ] = None,
+    integrator: StatedIntegrator = None,
+    time_step: AskedTimeStep = None,
+    iterations: ToldIterations = None,
+    precision: GrantedPrecision = None,
+    device: Device = "cpu",
+    metamorphic: Annotated[
+        bool, typer.Option(help="judge by relations that need no reference")
+    ] = False,
+    self_test: Annotated[
+        bool, typer.Option(help="seed faults, on the named cases or all; the gate must go red")
+    ] = False,
+    quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
+    every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
+    expected: Expected = False,
+    record_expected: Annotated[
+        bool, typer.Option("--record-expected", help="keep these verdicts as the expected ones")
+    ] = False,
+) -> None:
+    """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
+    from palpate.fastsim.explicit_body import Precision as StepPrecision
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.reference.availability import require_available
+    from palpate.validation.candidates.candidate import candidates_for
+    from palpate.validation.candidates.faults import with_fault
+    from palpate.validation.case import QUICK, builtin_cases, load_cases
+    from palpate.validation.judging import expectation, outputs
+    from palpate.validation.judging.judge import judge_case, judge_cases, suitable_cases
+    from palpate.validation.judging.metamorphic import judge_relations
+    from palpate.validation.judging.results import merge_candidates
+    from palpate.validation.judging.self_test import run_self_test
+    from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
+    from palpate.validation.output_files import input_files, require_outputs
+
+    # Single precision granted to a device is what its steps are made in.
+    is_single = device != "cpu" and precision is Precision.SINGLE
+    given = candidates_for(
+        simulator,
+        time_limit,
+        element,
+        integrator=integrator,
+        time_step=time_step,
+        iterations=iterations,
+        device=device,
+        precision=StepPrecision.SINGLE if is_single else StepPrecision.DOUBLE,
+        is_condensed=is_condensed(with_),
+    )
+    candidates = [with_fault(candidate, fault) for candidate in given]
+    num_choices = quick + every + bool(names)
+    is_expected = expected or record_expected
+    for is_wrong, why in (
+        (
+            num_choices > 1 or (num_choices == 0 and not self_test),
+            "name the cases, or say one of --quick, --all and --self-test",
+        ),
+        (
+            self_test and (fault is not Fault.NONE or metamorphic or live),
+            "--self-test seeds every fault by itself; it takes no --fault, --metamorphic or --live",
+        ),
+        (
+            is_expected and (self_test or metamorphic or simulator),
+            "--expected is about fastsim's verdicts on built-in cases: it takes no --simulator, "
+            "--metamorphic or --self-test",
+        ),
+        (
+            versus is None and limit,
+            "--limit goes with --versus; the limits of a gate stand in its case",
+        ),
+        (
+            versus is not None and (self_test or metamorphic or expected or live or precision),
+            "--versus knows no reference: it takes no --self-test, --metamorphic, --expected, "
+            "--live or --precision",
+        ),
+        (
+            law and (is_expected or self_test or metamorphic),
+            "--law takes no --expected, --self-test or --metamorphic",
+        ),
+        (
+            is_expected and (device != "cpu" or with_ is not Simulator.FASTSIM),
+            "--expected is about fastsim's core: it takes no --device or --with",
+        ),
+    ):
+        if is_wrong:
+            raise InputError(why)
+    loaded = load_cases(QUICK if quick else builtin_cases() if every else names or ())
+    if law:
+        loaded = [case.under(one) for case in loaded for one in dict.fromkeys(law)]
+        if versus is None and any(case.other_law for case in loaded):
+            require_available()
+    if is_expected:
+        _require_builtin(loaded)
+    require_outputs(
+        {"--json": json, "--junit": junit, "--summary": summary},
+        inputs=input_files(loaded, command=" ".join(filter(None, (simulator, versus)))),
+    )
+    progress = progress_lines()
+    if every or quick:
+        loaded = suitable_cases(loaded, candidates, progress)
+    if self_test:
+        trials = [run_self_test(progress, cases=loaded, candidate=one) for one in candidates]
+        results = [merge_candidates(trials)]
+    elif metamorphic:
+        results = [
+            merge_candidates([judge_relations(case, one, progress) for one in candidates])
+            for case in loaded
+        ]
+    elif versus is not None:
+        others = [other_candidate(versus, time_limit, candidate) for candidate in candidates]
+        pairs, limits = list(zip(candidates, others, strict=True)), read_limits(limit or [])
+        results = [
+            merge_candidates([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
+            for c in loaded
+        ]
+    elif simulator is None and fault is Fault.NONE and not (live or law):
+        results = judge_cases(loaded, candidates, precision=precision, progress=progress)
+    else:
+        results = [
+            judge_case(
+                case,
+                live=live or case.other_law is not None,
+                candidate=candidates,
+                precision=precision,
+                progress=progress,
+            )
+            for case in loaded
+        ]
+    outputs.write_outputs(results, json=json, junit=junit, summary=summary)
+    outputs.print_results(results, Console(highlight=False))
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        print("\n".join(outputs.github_annotations(results)))
+    if record_expected:
+        known = expectation.with_results(expectation.read_expected(), results)
+        write_text_atomically(expectation.FILE, expectation.expected_toml(known))
+        print(expectation.FILE)
+    raise typer.Exit(_exit_code(results, expected=expected))
+
+
+def report(
+    output: Folder,
+    names: OptionalCases = None,
+    every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
+    element: ChosenElements = None,
+    with_: ChosenEngine = Simulator.FASTSIM,
+    simulator: SimulatorCommand = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    integrator: StatedIntegrator = None,
+    time_step: AskedTimeStep = None,
+    iterations: ToldIterations = None,
+    precision: GrantedPrecision = None,
+    expected: Expected = False,
+    pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
+    figures: Annotated[
+        FigureForm | None, typer.Option(help="each figure for a paper too, in a column's width")
+    ] = None,
+) -> None:
+    """Solve with both, judge, and write the report with everything beside it.
+
+    One case gives report.html; several give a page each, and index.html.
+    """
+    from palpate.validation.candidates.candidate import candidates_for
+    from palpate.validation.case import builtin_cases, load_cases
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.judge import judge_case, suitable_cases
+    from palpate.validation.output_files import input_files
+    from palpate.validation.report.html import write_report
+    from palpate.validation.report.pdf import print_pdf, require_browser
+    from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
+
+    if every == bool(names):
+        raise InputError("name the cases, or say --all for every built-in one")
+    if expected and (simulator or with_ is not Simulator.FASTSIM):
+        raise InputError(
+            "--expected is about fastsim's verdicts: it takes no --simulator or --with"
+        )
+    if pdf:
+        require_browser()
+    loaded = load_cases(names or builtin_cases())
+    if expected:
+        _require_builtin(loaded)
+    if len(loaded) > 1 and any(case.name == "index" for case in loaded):
+        raise InputError("with several cases index.html is the first page; rename case 'index'")
+    inputs = input_files(loaded, command=simulator)
+    require_run_folder(output, inputs=inputs)
+    progress = progress_lines()
+    candidates = candidates_for(
+        simulator,
+        time_limit,
+        element,
+        integrator=integrator,
+        time_step=time_step,
+        iterations=iterations,
+        is_condensed=is_condensed(with_),
+    )
+    if every:
+        loaded = suitable_cases(loaded, candidates, progress)
+    results = [
+        judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
+        for c in loaded
+    ]
+    with run_folder(output, inputs=inputs) as fresh:
+        progress("drawing the report")
+        page = write_report(results, fresh, figures=figures)
+        if pdf:
+            for written in sorted(fresh.glob("*.html")):
+                print_pdf(written)
+        outputs.write_outputs(
+            results,
+            json=fresh / RESULTS,
+            junit=fresh / "junit.xml",
+            summary=fresh / "summary.md",
+        )
+    outputs.print_results(results, Console(highlight=False))
+    print(f"{output / page.name}")
+    raise typer.Exit(_exit_code(results, expected=expected))
+
+
+def compare(
+    case: OneCase,
+    result: Annotated[Path, ResultFile],
+    json: OptionalFile = None,
+    live: Live = False,
+    precision: GrantedPrecision = None,
+    element: ElementOfResult = None,
+) -> None:
+    """Judge somebody else's result; the exit code is the verdict."""
+    from palpate.validation.candidates.candidate import result_candidate
+    from palpate.validation.case import load_case
+    from palpate.validation.exchange.result_files import read_result, room_for_answer
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.output_files import input_files, require_outputs
+
+    loaded = load_case(case)
+    require_outputs({"--json": json}, inputs=input_files([loaded], result))
+    # A file that cannot be read is refused before anything is solved.
+    read_result(result, most_bytes=room_for_answer(loaded.problem))
+    judged = judge_case(
+        loaded,
+        live=live,
+        candidate=result_candidate(result, element),
+        precision=precision,
+        progress=progress_lines(),
+    )
+    outputs.write_outputs([judged], json=json)
+    outputs.print_results([judged], Console(highlight=False))
+    raise typer.Exit(exit_code([judged]))
+
+
+def compare_runs(
+    first: Annotated[Path, typer.Argument(help="results.json of a run")],
+    second: Annotated[Path, typer.Argument(help="of another")],
+    summary: Annotated[Path | None, typer.Option(help="the table as Markdown")] = None,
+) -> None:
+    """Put two runs, or two versions, side by side; 1 where a verdict of the second is worse."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.judging import run_comparison
+    from palpate.validation.output_files import require_outputs
+
+    require_outputs({"--summary": summary}, inputs=[first, second])
+    compared = run_comparison.compare_runs(first, second)
+    names = (str(first), str(second))
+    table = Table()
+    for title in ("case", "check", *names, "change"):
+        table.add_column(Text(for_terminal(title)), overflow="fold")
+    for pair in compared.changed:
+        style = "red" if pair.is_worse else "green" if pair.change == "better" else ""
+        table.add_row(*(Text(for_terminal(cell), style=style) for cell in pair.cells))
+    console = Console(highlight=False)
+    if table.row_count:
+        console.print(table)
+    for remark in compared.remarks:
+        console.print(Text(for_terminal(remark)))
+    if summary is not None:
+        write_text_atomically(summary, compared.markdown(*names))
+    raise typer.Exit(compared.exit_code)
+
+
+def _require_builtin(cases: Sequence[Case]) -> None:
+    """Raise InputError for a case of which nobody expects anything."""
+    own = [case.name for case in cases if not case.is_builtin]
+    if own:
+        raise InputError(
+            f"--expected is about built-in cases, and {', '.join(own)} is not one; what changed "
+            "since a result that you accepted is told by `palpate compare-runs`"
+        )
+
+
+def _exit_code(results: list[CaseResult], *, expected: bool) -> int:
+    """By the verdicts, or by what is not as expected, which is printed."""
+    from palpate.validation.judging.expectation import read_expected, unexpected
+    from palpate.validation.judging.judge import exit_code
+
+    if not expected:
+        return exit_code(results)
+    lines = unexpected(results, read_expected())
+    print_lines(lines, "not as expected: ")
+    if lines:
+        return ExitCode.FAILED
+    print(
+        f"as expected: {len(results)} case(s). What failed above fails for the reason it gives, "
+        "and is known to; exit code 0 says that nothing has changed, not that all has passed"
+    )
+    return ExitCode.PASSED
