@@ -68,6 +68,20 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
+@pytest.fixture
+def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Run `palpate` with some words in this process; gives its exit code. See also `capsys`."""
+    from palpate.validation.cli import main
+
+    def run(*words: object) -> int:
+        monkeypatch.setattr("sys.argv", ["palpate", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return int(ended.value.code or 0)
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def problem() -> Problem:
     mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.2)

@@ -13,7 +13,6 @@ from palpate.meshes.problem import Strain
 from palpate.reference.child import run_task
 from palpate.reference.tasks import AuditTask
 from palpate.validation.case import load_case
-from palpate.validation.cli import main
 from palpate.validation.commands.solve import failures
 from palpate.validation.references.stored import load_stored
 
@@ -30,63 +29,56 @@ def solved(tmp_path):
     return path, problem, state.displacement
 
 
-def palpate(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
-
-
-def test_an_equilibrium_passes_and_a_softer_answer_does_not(solved, tmp_path, monkeypatch):
+def test_an_equilibrium_passes_and_a_softer_answer_does_not(solved, tmp_path, command_line):
     path, problem, displacement = solved
     numbers = tmp_path / "audit.json"
     tight = ("--degree", 1, "--limit", 1e-7, "--json", numbers)
-    assert palpate(monkeypatch, "audit", "block", path, *tight) == 0
+    assert command_line("audit", "block", path, *tight) == 0
     exact = json.loads(numbers.read_text())
     assert exact["relative_residual_norm"] < 1e-7
     assert abs(exact["volume_error"]) < 1e-7
     write_mesh(path, problem.mesh, point_data={"displacement": 1.02 * displacement})
-    assert palpate(monkeypatch, "audit", "block", path, *tight) == 1
+    assert command_line("audit", "block", path, *tight) == 1
     softer = json.loads(numbers.read_text())
     # Two per cent too far everywhere, held points included, which do not move.
     assert softer["displacement_error"] == pytest.approx(0.02, rel=0.1)
 
 
-def test_degree_two_tells_the_error_of_the_mesh(solved, tmp_path, monkeypatch):
+def test_degree_two_tells_the_error_of_the_mesh(solved, tmp_path, command_line):
     path, problem, _ = solved
     numbers, cells = tmp_path / "audit.json", tmp_path / "cells.vtu"
-    assert palpate(monkeypatch, "audit", "block", path, "--json", numbers, "--cells", cells) == 0
+    assert command_line("audit", "block", path, "--json", numbers, "--cells", cells) == 0
     assert json.loads(numbers.read_text())["displacement_error"] > 0.01
     assert read_mesh(cells).num_cells == problem.mesh.num_cells
 
 
-def test_what_cannot_be_audited(solved, tmp_path, monkeypatch):
+def test_what_cannot_be_audited(solved, tmp_path, command_line):
     path, problem, displacement = solved
-    assert palpate(monkeypatch, "audit", "block-motion", path) == 2
-    assert palpate(monkeypatch, "audit", "block", tmp_path / "none.vtu") == 2
+    assert command_line("audit", "block-motion", path) == 2
+    assert command_line("audit", "block", tmp_path / "none.vtu") == 2
     spoiled = displacement.copy()
     spoiled[3] = np.nan
     write_mesh(path, problem.mesh, point_data={"displacement": spoiled})
-    assert palpate(monkeypatch, "audit", "block", path) == 1
+    assert command_line("audit", "block", path) == 1
     write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
-    assert palpate(monkeypatch, "audit", "block", path) == 1
+    assert command_line("audit", "block", path) == 1
     # Finite, but no volume, and no stiffness, can be made of it: a failure, no crash.
     write_mesh(path, problem.mesh, point_data={"displacement": np.full_like(displacement, 1e308)})
-    assert palpate(monkeypatch, "audit", "block", path) == 1
+    assert command_line("audit", "block", path) == 1
 
 
-def test_a_limit_holds_the_supports_as_well(solved, tmp_path, monkeypatch, capsys):
+def test_a_limit_holds_the_supports_as_well(solved, tmp_path, command_line, capsys):
     path, problem, displacement = solved
     numbers = tmp_path / "audit.json"
     judged = ("audit", "block", path, "--degree", 1, "--limit", 1e-6, "--json", numbers)
-    assert palpate(monkeypatch, *judged) == 0
+    assert command_line(*judged) == 0
     assert json.loads(numbers.read_text())["failures"] == []
     # Moved as a whole, far or hardly, nothing is strained: the residual sees only the free parts.
     for shift in (1.0, 1e-5 * np.abs(displacement).max()):
         moved = displacement + np.array([0.0, shift, 0.0])
         write_mesh(path, problem.mesh, point_data={"displacement": moved})
         capsys.readouterr()
-        assert palpate(monkeypatch, *judged) == 1
+        assert command_line(*judged) == 1
         told = json.loads(numbers.read_text())
         assert told["relative_residual_norm"] < 1e-6
         assert told["support_gap"] == pytest.approx(shift)
@@ -96,11 +88,11 @@ def test_a_limit_holds_the_supports_as_well(solved, tmp_path, monkeypatch, capsy
         assert "failed: supports missed by" in capsys.readouterr().out
 
 
-def test_an_inverted_cell_fails_under_either_strain_without_a_limit(solved, monkeypatch, capsys):
+def test_an_inverted_cell_fails_under_either_strain_without_a_limit(solved, command_line, capsys):
     path, problem, displacement = solved
     write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
     for strain in Strain:
-        assert palpate(monkeypatch, "audit", "block", path, "--strain", strain) == 1
+        assert command_line("audit", "block", path, "--strain", strain) == 1
         assert "failed: a cell is inverted" in capsys.readouterr().out
 
 
@@ -131,5 +123,5 @@ def test_no_number_of_an_audit_may_be_other_than_finite(solved):
 
 
 @pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf", "1", "2.5"])
-def test_a_limit_that_holds_nothing_is_refused(solved, monkeypatch, limit):
-    assert palpate(monkeypatch, "audit", "block", solved[0], f"--limit={limit}") == 2
+def test_a_limit_that_holds_nothing_is_refused(solved, command_line, limit):
+    assert command_line("audit", "block", solved[0], f"--limit={limit}") == 2

@@ -8,14 +8,6 @@ import pytest
 
 import palpate
 from palpate.meshes.errors import InputError
-from palpate.validation.cli import main
-
-
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def written(path):
@@ -27,9 +19,9 @@ def on_same_mesh(case):
 
 
 @pytest.mark.parametrize("element", ["linear", "smoothed", "both"])
-def test_the_gate_judges_the_element_that_is_asked_for(monkeypatch, tmp_path, element):
+def test_the_gate_judges_the_element_that_is_asked_for(command_line, tmp_path, element):
     path, junit = tmp_path / "r.json", tmp_path / "j.xml"
-    run(monkeypatch, "gate", "block", "--element", element, "--json", path, "--junit", junit)
+    command_line("gate", "block", "--element", element, "--json", path, "--junit", junit)
     (case,) = written(path)
     names = {"linear": ["fastsim"], "smoothed": ["fastsim (smoothed)"]}
     names["both"] = names["linear"] + names["smoothed"]
@@ -38,24 +30,24 @@ def test_the_gate_judges_the_element_that_is_asked_for(monkeypatch, tmp_path, el
     assert ("smoothed)" in junit.read_text("utf-8")) == (element != "linear")
 
 
-def test_what_is_solved_with_an_element_is_judged_as_such(monkeypatch, tmp_path):
+def test_what_is_solved_with_an_element_is_judged_as_such(command_line, tmp_path):
     told = tmp_path / "told.json"
     for kind in ("npz", "vtu"):
         answer = tmp_path / f"mine.{kind}"
-        assert run(monkeypatch, "solve", "block", "--element", "smoothed", "-o", answer) == 0
+        assert command_line("solve", "block", "--element", "smoothed", "-o", answer) == 0
         # .npz says it by itself; .vtu cannot.
         says = () if kind == "npz" else ("--element", "smoothed")
-        run(monkeypatch, "compare", "block", answer, "--json", told, *says)
+        command_line("compare", "block", answer, "--json", told, *says)
         passed = {c["verdict"] for c in written(told)[0]["checks"]
                   if (c["against"], c["strain"]) == ("same_mesh", "green")}  # fmt: skip
         assert passed == {"passed"}
-    run(monkeypatch, "compare", "block", tmp_path / "mine.vtu", "--json", told)
+    command_line("compare", "block", tmp_path / "mine.vtu", "--json", told)
     assert "failed" in on_same_mesh(written(told)[0])
 
 
-def test_another_simulator_says_its_element_itself(monkeypatch, capsys):
+def test_another_simulator_says_its_element_itself(command_line, capsys):
     asked = ("--element", "both", "--simulator", "mysim {case} {result}")
-    assert run(monkeypatch, "gate", "block", *asked) == 2
+    assert command_line("gate", "block", *asked) == 2
     assert "only fastsim is asked for one" in capsys.readouterr().err
     with pytest.raises(InputError, match="goes with fastsim"):
         palpate.judge("block", lambda problem: 0.0 * problem.mesh.points, element="both")
@@ -63,10 +55,10 @@ def test_another_simulator_says_its_element_itself(monkeypatch, capsys):
         palpate.judge("block", element="quadratic")
 
 
-def test_relations_hold_for_both(monkeypatch, tmp_path):
+def test_relations_hold_for_both(command_line, tmp_path):
     path = tmp_path / "r.json"
     arguments = ("gate", "block", "--metamorphic", "--element", "both", "--json", path)
-    assert run(monkeypatch, *arguments) == 0
+    assert command_line(*arguments) == 0
     checks = written(path)[0]["checks"]
     names = [(check["metric"], check["element"]) for check in checks]
     assert len(set(names)) == len(names)
@@ -88,15 +80,15 @@ def test_the_front_door_takes_the_word_too():
 
 @pytest.mark.dolfinx
 @pytest.mark.once
-def test_the_reference_solves_it_live(monkeypatch, tmp_path):
+def test_the_reference_solves_it_live(command_line, tmp_path):
     path = tmp_path / "r.json"
-    run(monkeypatch, "gate", "block", "--live", "--element", "both", "--json", path)
+    command_line("gate", "block", "--live", "--element", "both", "--json", path)
     (case,) = written(path)
     assert on_same_mesh(case) == {"passed"}
     assert "smoothed tetrahedra" in case["provenance"]["reference"]["origin"]
     answer = tmp_path / "theirs.npz"
     arguments = ("solve", "block", "--with", "reference", "--element", "smoothed", "-o", answer)
-    assert run(monkeypatch, *arguments) == 0
-    run(monkeypatch, "compare", "block", answer, "--json", path)
+    assert command_line(*arguments) == 0
+    command_line("compare", "block", answer, "--json", path)
     assert "failed" not in on_same_mesh(written(path)[0])
-    assert run(monkeypatch, "audit", "block", answer, "--degree", 1, "--limit", 1e-8) == 0
+    assert command_line("audit", "block", answer, "--degree", 1, "--limit", 1e-8) == 0

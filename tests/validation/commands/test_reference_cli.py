@@ -11,7 +11,6 @@ import pytest
 
 from palpate.meshes.problem import Material, Strain
 from palpate.validation.case import QUICK, builtin_cases, builtin_folder, load_case
-from palpate.validation.cli import main
 from palpate.validation.references import statics
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.stored import (
@@ -36,13 +35,6 @@ def folder(tmp_path, monkeypatch):
         shutil.copy(references_folder() / f"{name}.npz", tmp_path)
     monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
     return tmp_path
-
-
-def palpate(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def build_anew(name="block"):
@@ -72,23 +64,25 @@ def test_every_built_in_case_has_a_reference_that_belongs_to_it():
         assert load_stored(name, load_case(name).problem).states
 
 
-def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, capsys):
+def test_references_of_ones_own_case_are_kept_beside_it(
+    tmp_path, command_line, monkeypatch, capsys
+):
     for suffix in (".toml", ".vtu"):
         shutil.copy(builtin_folder() / f"block{suffix}", tmp_path)
     path = str((tmp_path / "block.toml").rename(tmp_path / "mine.toml"))
     solved = read_reference(accepted_path("block"))[0]
     monkeypatch.setattr(statics, "solve_for_storing", lambda *_given, **_options: solved)
     monkeypatch.chdir(tmp_path)
-    assert palpate(monkeypatch, "gate", path) == 2
+    assert command_line("gate", path) == 2
     assert "no reference is stored" in capsys.readouterr().err
-    assert palpate(monkeypatch, "reference", "build", path) == 0
+    assert command_line("reference", "build", path) == 0
     assert (tmp_path / "references" / "mine.pending.npz").is_file()
-    assert palpate(monkeypatch, "gate", path) == 2
-    assert palpate(monkeypatch, "reference", "accept", path, "--reason", "first") == 0
+    assert command_line("gate", path) == 2
+    assert command_line("reference", "accept", path, "--reason", "first") == 0
     capsys.readouterr()
-    assert palpate(monkeypatch, "reference", "check", path) == 0
+    assert command_line("reference", "check", path) == 0
     assert re.search(r"made [0-9-]+ in \d+ s, \d+ s of the processor", capsys.readouterr().out)
-    assert palpate(monkeypatch, "gate", path) == 0
+    assert command_line("gate", path) == 0
     assert sorted(p.name for p in (tmp_path / "references").iterdir()) == ["mine.npz"]
     assert not (references_folder() / "mine.npz").exists()
     capsys.readouterr()
@@ -96,19 +90,19 @@ def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, c
     text = (tmp_path / "mine.toml").read_text("utf-8")
     changed = text.replace("youngs_modulus = 10.0", "youngs_modulus = 11.0")
     (tmp_path / "mine.toml").write_text(changed, encoding="utf-8")
-    assert palpate(monkeypatch, "gate", path) == 2
+    assert command_line("gate", path) == 2
     assert "reference build mine.toml" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("folder")
-def test_nothing_is_used_before_it_is_accepted(monkeypatch, capsys):
+def test_nothing_is_used_before_it_is_accepted(command_line, capsys):
     case = build_anew()
     place = ("volume", Strain.GREEN)
     before = load_stored("block", case.problem).bars[place]
-    assert palpate(monkeypatch, "reference", "accept", "block", "--reason", " ") == 2
+    assert command_line("reference", "accept", "block", "--reason", " ") == 2
     assert load_stored("block", case.problem).bars[place] == before
     reason = ("--reason", "wider, and that is right", "--by", "a tester")
-    assert palpate(monkeypatch, "reference", "accept", "block", *reason) == 0
+    assert command_line("reference", "accept", "block", *reason) == 0
     after = load_stored("block", case.problem)
     assert after.bars[place] == 1.01 * before
     accepted = after.provenance["accepted"]
@@ -119,13 +113,13 @@ def test_nothing_is_used_before_it_is_accepted(monkeypatch, capsys):
     assert any(x.startswith(wider) for x in accepted["changes"])
     assert not pending_path("block").exists()
     capsys.readouterr()
-    assert palpate(monkeypatch, "reference", "check", "block") == 0
+    assert command_line("reference", "check", "block") == 0
     assert "by a tester: wider, and that is right" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("folder")
-def test_accepting_needs_something_built_for_the_case_as_it_is(monkeypatch):
-    assert palpate(monkeypatch, "reference", "accept", "block", "--reason", "why not") == 2
+def test_accepting_needs_something_built_for_the_case_as_it_is(command_line):
+    assert command_line("reference", "accept", "block", "--reason", "why not") == 2
     case = build_anew()
     other = dataclasses.replace(case.problem, material=Material(1.0, 0.3))
     with pytest.raises(StaleReferenceError, match="has changed since"):
@@ -142,7 +136,7 @@ def halve_displacements(path):
 
 
 @pytest.mark.parametrize("spoil", ["missing", "damaged", "cut", "stale", "altered"])
-def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, capsys, spoil):
+def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, command_line, capsys, spoil):
     path = folder / "block.npz"
     whole = path.read_bytes()
     if spoil == "missing":
@@ -155,11 +149,11 @@ def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, ca
         shutil.copy(folder / "beam.npz", path)
     else:
         halve_displacements(path)
-    assert palpate(monkeypatch, "reference", "check", "beam", "block", "kidney") == 2
+    assert command_line("reference", "check", "beam", "block", "kidney") == 2
     told = capsys.readouterr()
     assert "kidney:" in told.out
     assert "palpate reference build block" in told.err
-    assert palpate(monkeypatch, "gate", "block") == 2
+    assert command_line("gate", "block") == 2
 
 
 def test_changes_of_the_case_and_of_bars_are_told(folder):
@@ -174,18 +168,18 @@ def test_changes_of_the_case_and_of_bars_are_told(folder):
 
 
 @pytest.mark.usefixtures("folder")
-def test_the_quick_gate_passes_on_stored_references_alone(monkeypatch, capsys):
+def test_the_quick_gate_passes_on_stored_references_alone(command_line, monkeypatch, capsys):
     from palpate.reference import availability
 
     monkeypatch.setattr(availability, "is_available", lambda: False)
     assert set(QUICK) <= set(builtin_cases())
-    assert palpate(monkeypatch, "gate", "--quick") == 0
+    assert command_line("gate", "--quick") == 0
     told = capsys.readouterr().out
     for name in QUICK:
         assert f"{name}: passed" in told
 
 
-def test_a_gate_wants_its_cases_said_once(monkeypatch):
-    assert palpate(monkeypatch, "gate") == 2
-    assert palpate(monkeypatch, "gate", "beam", "--quick") == 2
-    assert palpate(monkeypatch, "gate", "--quick", "--all") == 2
+def test_a_gate_wants_its_cases_said_once(command_line):
+    assert command_line("gate") == 2
+    assert command_line("gate", "beam", "--quick") == 2
+    assert command_line("gate", "--quick", "--all") == 2

@@ -13,19 +13,11 @@ import palpate
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
-from palpate.validation.cli import main
 from palpate.validation.judging.versus import judge_versus, read_limits
 from palpate.validation.peers import adapters
 from palpate.validation.states import Verdict
 
 NUMPY = f"{sys.executable} {Path(adapters.__file__).parent / 'numpy_dense.py'} {{case}} {{result}}"
-
-
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def stretched_by(factor):
@@ -89,18 +81,18 @@ def test_a_limit_that_is_none_is_refused(word) -> None:
         read_limits(["volume=1", "volume=2"])
 
 
-def test_the_gate_ends_by_the_limits_of_the_command_line(monkeypatch, tmp_path) -> None:
+def test_the_gate_ends_by_the_limits_of_the_command_line(command_line, tmp_path) -> None:
     path = tmp_path / "r.json"
     given = ("gate", "stretch", "--simulator", NUMPY, "--versus", NUMPY, "--json", path)
-    assert run(monkeypatch, *given, "--limit", "volume=1e-9") == 0
+    assert command_line(*given, "--limit", "volume=1e-9") == 0
     (case,) = json.loads(path.read_text("utf-8"))["cases"]
     assert case["checks"][0]["value"] == 0.0
     # Linear tetrahedra on a bent body are not smoothed ones.
     block = ("gate", "shear", "--element", "smoothed", "--versus", NUMPY)
-    assert run(monkeypatch, *block, "--limit", "displacement_l2=1e-9", "--fault", "softer") == 1
-    assert run(monkeypatch, *block, "--limit", "trajectory_l2=1e-9") == 2
-    assert run(monkeypatch, "gate", "stretch", "--limit", "volume=1") == 2
-    assert run(monkeypatch, *given, "--live") == 2
+    assert command_line(*block, "--limit", "displacement_l2=1e-9", "--fault", "softer") == 1
+    assert command_line(*block, "--limit", "trajectory_l2=1e-9") == 2
+    assert command_line("gate", "stretch", "--limit", "volume=1") == 2
+    assert command_line(*given, "--live") == 2
 
 
 def test_a_case_under_another_law_keeps_its_moduli_and_drops_published_numbers() -> None:
@@ -116,21 +108,21 @@ def test_a_case_under_another_law_keeps_its_moduli_and_drops_published_numbers()
         case.under(Law.MOONEY_RIVLIN)
 
 
-def test_no_stored_reference_is_taken_for_another_law(monkeypatch, capsys) -> None:
+def test_no_stored_reference_is_taken_for_another_law(command_line, monkeypatch, capsys) -> None:
     monkeypatch.setattr("palpate.reference.availability.is_available", lambda: False)
-    assert run(monkeypatch, "gate", "block", "--law", "neo-hookean") == 2
+    assert command_line("gate", "block", "--law", "neo-hookean") == 2
     assert "FEniCSx" in capsys.readouterr().err
 
 
 @pytest.mark.nightly  # two truths: a minute and a half
 @pytest.mark.dolfinx
 def test_one_simulator_is_judged_under_two_laws_side_by_side(
-    monkeypatch, tmp_path, write_case
+    command_line, tmp_path, write_case
 ) -> None:
     path = tmp_path / "r.json"
     laws = ("--law", "neo-hookean", "--law", "saint-venant-kirchhoff")
     case = write_case(("edge_length = 0.5", "edge_length = 1.0"))
-    code = run(monkeypatch, "gate", case, *laws, "--live", "--simulator", NUMPY, "--json", path)
+    code = command_line("gate", case, *laws, "--live", "--simulator", NUMPY, "--json", path)
     assert code == 1  # it knows but one of them
     other, own = json.loads(path.read_text("utf-8"))["cases"]
     assert (other["name"], other["verdict"]) == ("block-neo-hookean", "failed")

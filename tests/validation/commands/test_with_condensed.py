@@ -13,15 +13,7 @@ import pytest
 import palpate
 from palpate.validation.candidates.candidate import condensed_candidate
 from palpate.validation.case import QUICK
-from palpate.validation.cli import main
 from palpate.validation.judging.judge import suitable_cases
-
-
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def verdicts(path):
@@ -30,11 +22,11 @@ def verdicts(path):
 
 
 def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
-    monkeypatch, tmp_path, capsys
+    command_line, tmp_path, capsys
 ):
     path = tmp_path / "r.json"
     for case, border in (("block", "beyond the 10%"), ("press", "border of bent bars")):
-        assert run(monkeypatch, "gate", case, "--with", "condensed", "--json", path) == 0
+        assert command_line("gate", case, "--with", "condensed", "--json", path) == 0
         said = " ".join(capsys.readouterr().out.split())
         assert "Linear strain: 99% of the volume turned by at most" in said
         assert border in said
@@ -44,10 +36,10 @@ def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
 
 
 @pytest.mark.parametrize("fault", ["softer", "dropped-load"])
-def test_a_spoiled_answer_turns_its_gate_red(monkeypatch, tmp_path, fault):
+def test_a_spoiled_answer_turns_its_gate_red(command_line, tmp_path, fault):
     path = tmp_path / "r.json"
     arguments = ("gate", "block", "--with", "condensed", "--fault", fault, "--json", path)
-    assert run(monkeypatch, *arguments) == 1
+    assert command_line(*arguments) == 1
     assert verdicts(path)["displacement_l2", "linear", "same_mesh"] == "failed"
 
 
@@ -77,24 +69,24 @@ def test_solve_is_the_linear_solve_and_says_what_it_was_made_of(case):
     ],
 )
 def test_what_it_cannot_be_asked_is_refused_with_the_reason(
-    monkeypatch, tmp_path, capsys, arguments, reason
+    command_line, monkeypatch, tmp_path, capsys, arguments, reason
 ):
     monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, *arguments, "--with", "condensed") == 2
+    assert command_line(*arguments, "--with", "condensed") == 2
     assert reason in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "never.vtu").exists()
 
 
-def test_the_reference_is_no_candidate(monkeypatch, capsys):
-    assert run(monkeypatch, "gate", "block", "--with", "reference") == 2
+def test_the_reference_is_no_candidate(command_line, capsys):
+    assert command_line("gate", "block", "--with", "reference") == 2
     assert "no candidate" in capsys.readouterr().err
 
 
 def test_of_many_cases_those_that_it_cannot_be_asked_are_left_out_with_the_reason(
-    monkeypatch, tmp_path, capsys
+    command_line, tmp_path, capsys
 ):
     path = tmp_path / "r.json"
-    code = run(monkeypatch, "gate", "--quick", "--with", "condensed", "--json", path)
+    code = command_line("gate", "--quick", "--with", "condensed", "--json", path)
     said = capsys.readouterr().err
     judged = {case["name"] for case in json.loads(path.read_text("utf-8"))["cases"]}
     left_out = set(re.findall(r"left out: ([\w-]+): \w+", said))
@@ -113,32 +105,32 @@ def test_where_none_can_be_asked_that_is_said():
     assert "has no inertia" in told[1]
 
 
-def test_a_folder_keeps_the_model_from_run_to_run(monkeypatch, tmp_path, capsys):
+def test_a_folder_keeps_the_model_from_run_to_run(command_line, monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("PALPATE_CONDENSED", str(tmp_path / "kept"))
     said = []
     for _ in range(2):
-        assert run(monkeypatch, "gate", "press", "--with", "condensed") == 0
+        assert command_line("gate", "press", "--with", "condensed") == 0
         said.append(" ".join(capsys.readouterr().err.split()))
     assert "kept for the next time" in said[0]
     assert "condensed before" in said[1]
     assert "condensing" not in said[1]
 
 
-def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
+def test_a_sweep_has_it_beside_fastsim(command_line, tmp_path):
     folder = tmp_path / "out"
     vary = ("--vary", "load[0].factor=0.5,1", "--with", "condensed")
-    assert run(monkeypatch, "sweep", "block", *vary, "-o", folder) == 0
+    assert command_line("sweep", "block", *vary, "-o", folder) == 0
     rows = list(csv.DictReader((folder / "sweep.csv").read_text("utf-8").splitlines()))
     mine = [row for row in rows if row["simulator"] == "condensed"]
     assert [row["strain"] for row in mine] == ["linear", "linear"]
 
 
 def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(
-    monkeypatch, capsys, tmp_path
+    command_line, capsys, tmp_path
 ):
     arguments = ("audit", "block", "--with", "condensed", "--degree", "1")
     cells = tmp_path / "cells.vtu"
-    assert run(monkeypatch, *arguments, "--limit", "0.1", "--cells", cells) == 1
+    assert command_line(*arguments, "--limit", "0.1", "--cells", cells) == 1
     turned = meshio.read(cells).cell_data["rotation_degrees"][0]
     assert 14.4 < turned.max() < 60.0
     green = capsys.readouterr().out
@@ -146,6 +138,6 @@ def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(
     assert "beyond the 10% border of bent bars" in " ".join(green.split())
     # By the model's own strain it is an equilibrium.
     linear = (*arguments, "--strain", "linear", "--limit", "1e-8")
-    assert run(monkeypatch, *linear) == 0
+    assert command_line(*linear) == 0
     for wrong in ((), ("mine.npz", "--with", "condensed"), ("--with", "reference")):
-        assert run(monkeypatch, "audit", "block", *wrong) == 2
+        assert command_line("audit", "block", *wrong) == 2

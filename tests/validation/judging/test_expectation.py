@@ -13,7 +13,6 @@ from palpate.meshes.problem import Element, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
-from palpate.validation.cli import main
 from palpate.validation.judging import expectation
 from palpate.validation.judging.expectation import (
     expected_toml,
@@ -32,13 +31,6 @@ BOTH = [fastsim_candidate(element=element) for element in Elements.BOTH.each]
 @pytest.fixture(scope="module")
 def csm1():
     return judge_case(load_case("csm1"), candidate=BOTH, diagnoses=False)
-
-
-def gate(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", "gate", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def altered(result, number, **changes):
@@ -119,20 +111,20 @@ def test_the_file_is_read_as_it_is_written(csm1, tmp_path):
             read_expected(path)
 
 
-def test_the_gate_itself_fails_and_is_as_expected(monkeypatch, capsys, tmp_path):
-    assert gate(monkeypatch, "csm1") == 1
-    assert gate(monkeypatch, "csm1", "--expected") == 0
+def test_the_gate_itself_fails_and_is_as_expected(command_line, monkeypatch, capsys, tmp_path):
+    assert command_line("gate", "csm1") == 1
+    assert command_line("gate", "csm1", "--expected") == 0
     assert "not that all has passed" in capsys.readouterr().out.replace("\n", " ")
-    assert gate(monkeypatch, "csm1", "--element", "smoothed") == 0
+    assert command_line("gate", "csm1", "--element", "smoothed") == 0
     # A fault in a case that fails anyway is not hidden by that.
-    assert gate(monkeypatch, "csm1", "--fault", "softer", "--expected") == 1
+    assert command_line("gate", "csm1", "--fault", "softer", "--expected") == 1
     assert "not as expected: csm1, fastsim: displacement_l2 (same mesh" in capsys.readouterr().out
-    assert gate(monkeypatch, "csm1", "--expected", "--simulator", "x {case} {result}") == 2
+    assert command_line("gate", "csm1", "--expected", "--simulator", "x {case} {result}") == 2
     (tmp_path / "own.toml").write_text(load_case("shear").text.replace("stretch.vtu", "s.vtu"))
-    assert gate(monkeypatch, str(tmp_path / "own.toml"), "--expected") == 2
+    assert command_line("gate", str(tmp_path / "own.toml"), "--expected") == 2
     assert "own is not one" in capsys.readouterr().err
     monkeypatch.setattr(expectation, "FILE", tmp_path / "kept.toml")
-    gate(monkeypatch, "csm1", "--record-expected")
+    command_line("gate", "csm1", "--record-expected")
     kept = read_expected(tmp_path / "kept.toml")
     # Of all others what was expected stays.
     assert kept == read_expected()

@@ -11,7 +11,6 @@ import pytest
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.cli import main
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import name_of_bar
 from palpate.validation.references.reference_set import TRUTH
@@ -55,13 +54,6 @@ def whole(tmp_path, monkeypatch):
     bare = without_stress(found)
     store("beam", CASE.problem, bare, dict(bare.provenance))
     return found
-
-
-def palpate(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["palpate", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 def test_a_file_keeps_them_to_seven_digits(whole):
