@@ -347,7 +347,7 @@ def audit_result(
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AuditTask
     from palpate.validation.metrics.audit import audit_on_own_mesh
-    from palpate.validation.metrics.possible_motion import unmeasurable_state
+    from palpate.validation.metrics.validity import unmeasurable_state
 
     problem = case.problem
     if problem.time is not None:

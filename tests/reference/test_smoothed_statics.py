@@ -16,7 +16,7 @@ from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.result import Formulation, load_result, save_result
 from palpate.reference.tasks import StaticTask
 from palpate.validation.case import load_case
-from palpate.validation.metrics import displacement_l2, make_state
+from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.stored import load_stored
 
 if is_available():
@@ -157,7 +157,7 @@ def test_error_against_the_truth_is_what_a_prototype_had(name, error):
     state = make_state(
         problem.mesh, found.displacement, label="", simulator="reference", strain=Strain.GREEN
     )
-    measured = displacement_l2(problem.mesh, state, truth).value
+    measured = measure("displacement_l2", problem, state, truth).value
     assert measured == pytest.approx(error, rel=0.02, abs=bar)
 
 

@@ -175,7 +175,7 @@ def run_condensed(
         CandidateFailedError: A tool's contact did not settle.
     """
     from palpate.fastsim.condensed import solve_condensed
-    from palpate.validation.metrics.linear_validity import describe_rotation
+    from palpate.validation.metrics.validity import describe_rotation
 
     name = name_of(element, model=CONDENSED)
     progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")

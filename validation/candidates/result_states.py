@@ -18,8 +18,7 @@ from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
-from palpate.validation.metrics.finite import largest
-from palpate.validation.metrics.pairs import measures_of
+from palpate.validation.metrics.difference import largest, measures_of
 from palpate.validation.states import OwnMesh, State, Trajectory
 
 

@@ -18,8 +18,8 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material
 from palpate.validation.diagnosis.law_simulators import LawOf, deformations, rotations
 from palpate.validation.diagnosis.static_hypotheses import lame_of
-from palpate.validation.metrics.finite_laws import OgdenTerms, finite_stress
-from palpate.validation.metrics.laws import Array, linear
+from palpate.validation.metrics.laws import OgdenTerms, finite_stress, linear
+from palpate.validation.metrics.smoothing import Array
 
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
 # or so; a derivative that is off in any user's sense is off by more than a tenth of a million.

@@ -28,8 +28,8 @@ from palpate.validation.diagnosis.law_simulators import (
     nodal_forces,
     separate_cells,
 )
-from palpate.validation.metrics.finite_laws import stress_change
-from palpate.validation.metrics.laws import Array
+from palpate.validation.metrics.laws import stress_change
+from palpate.validation.metrics.smoothing import Array
 from palpate.validation.states import Progress
 
 # Of the cells [m]: as large as what soft bodies are measured by, so that a tolerance of forces that

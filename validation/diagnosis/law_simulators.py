@@ -18,7 +18,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics.laws import Array
+from palpate.validation.metrics.smoothing import Array
 
 # Parts like those of Ogden's rubber, 1972: three terms, one of them of a negative exponent.
 OGDEN_TERMS = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))

@@ -31,8 +31,7 @@ from palpate.validation.diagnosis.explanation import (
 from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses
 from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
-from palpate.validation.metrics.finite_laws import laws_instead_of_law
-from palpate.validation.metrics.laws import OTHER_STRAIN
+from palpate.validation.metrics.laws import OTHER_STRAIN, laws_instead_of_law
 from palpate.validation.metrics.stepping import Slip, Start, Stepper, Update
 from palpate.validation.states import State
 

@@ -34,15 +34,15 @@ from palpate.validation.diagnosis.explanation import (
     stiffness_words,
 )
 from palpate.validation.exchange.nodal_arrays import facet_areas, nodal_force
-from palpate.validation.metrics.body import Body, Mask, imbalance, ratio
-from palpate.validation.metrics.finite_laws import laws_instead_of_law
+from palpate.validation.metrics.body import Body, Mask, imbalance, relative_to
 from palpate.validation.metrics.laws import (
     OTHER_STRAIN,
-    Array,
     hooke,
+    laws_instead_of_law,
     push_forward,
     strain_of,
 )
+from palpate.validation.metrics.smoothing import Array
 from palpate.validation.states import State
 
 
@@ -303,7 +303,7 @@ def support_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
     for part in _OFF:
         # Components that are off carry no support's force; the others are where they belong.
         off = apart > part * largest
-        miss = ratio(float(apart[~off].max(initial=0.0)), largest)
+        miss = relative_to(float(apart[~off].max(initial=0.0)), largest)
         name, is_plain = _released_words(body, off)
         complexity = 1 if is_plain else 2
         tried.append(answer.tried(name, Cause.SUPPORT, complexity, rows=body.free | off, miss=miss))
@@ -314,7 +314,7 @@ def support_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         left = np.abs(displacement - factor * body.prescribed)[body.held].max(initial=0.0)
         name, cause = f"prescribed displacement {in_words(factor)}", cause_of(factor, Cause.SUPPORT)
         complexity = 1 if is_known else 2
-        tried.append(answer.tried(name, cause, complexity, miss=ratio(float(left), largest)))
+        tried.append(answer.tried(name, cause, complexity, miss=relative_to(float(left), largest)))
     yield from tried
     if not any(each.fits for each in tried):
         name = "held points are held at other places"
@@ -429,7 +429,7 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
     H = body.gradient(answer.displacement)
     E = strain_of(H, body.strain)
     none = np.zeros(body.mesh.num_cells)
-    # Poisson's ratio 0 has no lmbda to multiply: then in parts of mu.
+    # Poisson's relative_to 0 has no lmbda to multiply: then in parts of mu.
     base = body.lmbda if body.lmbda.all() else body.mu
     if body.is_linear_in_strain:
         volume_part = body.force_of(push_forward(H, hooke(E, base, none), body.strain))
@@ -442,7 +442,7 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
     if has_forces:
         found = fit([volume_part, shape_part], answer.external, body.free)
     else:
-        # Without forces only the ratio of the two can be told.
+        # Without forces only the relative_to of the two can be told.
         found = fit([volume_part], -shape_part, body.free)
         found = None if found is None else np.array([found[0], 1.0])
     if found is None:
@@ -492,11 +492,11 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
     if lmbda + mu == 0.0:
         return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
     E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)
-    ratio = f"Poisson's ratio {nu:.6g} in the place of {nu0:.6g}"
+    relative_to = f"Poisson's relative_to {nu:.6g} in the place of {nu0:.6g}"
     if abs(E / E0 - 1.0) <= _SAME:
-        return ratio, 2
+        return relative_to, 2
     factor = snapped(E / E0)
-    return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {ratio}", 3
+    return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {relative_to}", 3
 
 
 def anisotropy_hypotheses(answer: StaticResult) -> Iterator[Explanation]:

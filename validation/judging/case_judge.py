@@ -31,7 +31,7 @@ from palpate.validation.judging.checks import (
 )
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import Number, is_still, make_state
-from palpate.validation.metrics.pairs import measures_of
+from palpate.validation.metrics.difference import measures_of
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
 from palpate.validation.references.bars import BarParts
 from palpate.validation.references.geometry import shape_of

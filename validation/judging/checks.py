@@ -19,11 +19,10 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, measure
-from palpate.validation.metrics.finite import are_measurable
-from palpate.validation.metrics.sampling import may_be_alias, too_coarse
+from palpate.validation.metrics.difference import are_measurable
+from palpate.validation.metrics.motion import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
-from palpate.validation.references.adaptive_truth import name_of_part
-from palpate.validation.references.bars import BarParts
+from palpate.validation.references.bars import BarParts, name_of_part
 from palpate.validation.states import Precision, State, Verdict
 
 _LENGTHS = ("amplitude", "mean")

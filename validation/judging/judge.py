@@ -39,7 +39,7 @@ from palpate.validation.judging.results import (
     merge_candidates,
 )
 from palpate.validation.metrics import CATALOGUE, measure
-from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.geometry import geometry_notes
 from palpate.validation.references.reference_set import ReferenceSet
@@ -224,7 +224,7 @@ def _notes_on_damping(problem: Problem, answers: dict[Strain, State]) -> list[st
     for strain, answer in answers.items():
         if answer.steps is None:
             continue
-        from palpate.validation.metrics.numerical_damping import measure_numerical_damping
+        from palpate.validation.metrics.motion import measure_numerical_damping
 
         try:
             found = measure_numerical_damping(problem, answer)
@@ -333,7 +333,7 @@ def _comparable(against: str, problem: Problem) -> list[str]:
     return [
         metric.name
         for metric in CATALOGUE.values()
-        if metric.compare
+        if metric.is_of_whole
         and (against == "same_mesh" or not metric.needs_same_mesh)
         and not metric.is_fitted
         and (not metric.needs_time or problem.time)

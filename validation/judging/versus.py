@@ -23,8 +23,8 @@ from palpate.validation.judging.case_references import case_file
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measure
-from palpate.validation.metrics.pairs import Difference
-from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.metrics.difference import Difference
+from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.states import (
     CandidateFailedError,
@@ -155,8 +155,8 @@ def read_limits(words: list[str]) -> dict[str, float]:
             raise InputError(f"--limit {word}: needs METRIC=VALUE with a finite value above 0")
         if metric in limits:
             raise InputError(f"--limit {word}: {metric} has a limit already")
-        if metric not in CATALOGUE or CATALOGUE[metric].compare is None:
-            known = ", ".join(m.name for m in CATALOGUE.values() if m.compare)
+        if metric not in CATALOGUE or not CATALOGUE[metric].is_of_whole:
+            known = ", ".join(m.name for m in CATALOGUE.values() if m.is_of_whole)
             raise InputError(f"--limit {word}: no metric between two answers; there are {known}")
         limits[metric] = value
     return limits
@@ -200,7 +200,7 @@ def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
     return [
         Asked(metric.name, math.inf, "no limit asked for")
         for metric in CATALOGUE.values()
-        if metric.compare and metric.name not in taken and not metric.is_fitted
+        if metric.is_of_whole and metric.name not in taken and not metric.is_fitted
         if _fits(metric, problem)
     ]
 

@@ -38,7 +38,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.result_files import ResultFile
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.case_references import truth_request
-from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.geometry import with_geometry
 from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, ReferenceSet

@@ -7,6 +7,8 @@ the same ones in its own way, and those of a higher degree.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from inspect import signature
 
 import numpy as np
 
@@ -15,16 +17,14 @@ from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.tet_mesh import signed_volumes
+from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.result import Audit
-from palpate.validation.metrics.body import Body, load_force
-from palpate.validation.metrics.laws import Array, hooke, strain_of
-from palpate.validation.metrics.linear_solver import (
-    NotPositiveDefiniteError,
-    conjugate_gradients,
-    stabilised_gradients,
-)
-from palpate.validation.metrics.tangent import Tangent
+from palpate.validation.metrics.body import Body, load_force, spring_stiffness_times
+from palpate.validation.metrics.laws import along, hooke, strain_of
+from palpate.validation.metrics.smoothing import Array
 
+# Rounding ends any hope of convergence long before.
+_MOST_ITERATIONS = 20_000
 _SOLVE_TOLERANCE = 1e-10
 # A random right-hand side has more than this of every mode.
 _SIGN_TOLERANCE = 1e-6
@@ -55,7 +55,7 @@ def audit_on_own_mesh(
     require_no_tools(problem, "the audit")
     body, linear = Body(problem, strain, element), Body(problem, Strain.LINEAR, element)
     residual, _ = body.out_of_balance(displacement)
-    lifted = _solve(Tangent(linear, displacement), residual)
+    lifted = Tangent(linear, displacement).solve(residual, _SOLVE_TOLERANCE)
     residual_norm = math.sqrt(max(float(np.vdot(residual, lifted)), 0.0))
     cell_errors = _cell_errors(linear, lifted)
     if element is Element.SMOOTHED:
@@ -87,26 +87,6 @@ def audit_on_own_mesh(
     )
 
 
-def _solve(tangent: Tangent, right: Points) -> Points:
-    way = conjugate_gradients if tangent.is_symmetric else stabilised_gradients
-    # Near equilibrium what rounding of large forces left across slanted planes would stay.
-    right = tangent.body.freed(right)
-    return way(tangent.times, right, _diagonal(tangent.body), tolerance=_SOLVE_TOLERANCE)
-
-
-def _diagonal(body: Body) -> Points:
-    """That scales a linear system: one number for a point that slides along a slanted plane.
-
-    What is divided by it then stays in that plane.
-    """
-    diagonal = body.stiffness_diagonal
-    if body.slopes is None:
-        return diagonal
-    scaled = diagonal.copy()
-    scaled[body.slopes.points] = diagonal[body.slopes.points].mean(axis=1, keepdims=True)
-    return scaled
-
-
 def _cell_errors(body: Body, lifted: Points) -> Array:
     """Root of twice each cell's elastic energy in a displacement."""
     E = strain_of(body.gradient(lifted), Strain.LINEAR)
@@ -119,9 +99,9 @@ def _is_stable(tangent: Tangent, smallest_det_f: float) -> bool | None:
     body = tangent.body
     if body.strain is Strain.LINEAR or body.has_followers or not smallest_det_f > 0.0:
         return None
-    right = body.freed(np.random.default_rng(0).standard_normal(body.held.shape))
+    right = np.random.default_rng(0).standard_normal(body.held.shape)
     try:
-        conjugate_gradients(tangent.times, right, _diagonal(body), tolerance=_SIGN_TOLERANCE)
+        tangent.solve(right, _SIGN_TOLERANCE)
     except NotPositiveDefiniteError:
         return False
     return True
@@ -136,7 +116,7 @@ def _estimate_errors(
         return None, None
     held = body.to_supports(displacement)
     try:
-        step = held + _solve(tangent, residual - tangent.times(held))
+        step = held + tangent.solve(residual - tangent.times(held), _SOLVE_TOLERANCE)
     except NotPositiveDefiniteError:
         return None, None
     size = float(np.linalg.norm(displacement + step))
@@ -155,3 +135,140 @@ def _estimate_errors(
         gradient = load_force(mesh, suction, displacement, Strain.GREEN)
         after = before + float(np.vdot(gradient, step))
     return displacement_error, before / after - 1.0 if after else None
+
+
+class NotPositiveDefiniteError(ArithmeticError):
+    """A symmetric matrix has a direction of no or negative curvature, or one has no inverse."""
+
+
+class Tangent:
+    """Derivative of internal less external force by the displacement, held components left out.
+
+    Args:
+        body: Whose forces.
+        displacement: Where [m], (num_points, 3).
+    """
+
+    def __init__(self, body: Body, displacement: Points) -> None:
+        self.body, self._displacement = body, displacement
+        self._H = body.gradient(displacement)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it is: not where a load follows the surface."""
+        return not self.body.has_followers
+
+    def times(self, change: Points) -> Points:
+        """The forces [N] of a change [m], both (num_points, 3), 0 where held; exact to rounding."""
+        body = self.body
+        dH = body.gradient(change)
+        if body.strain is Strain.LINEAR:
+            stress = body.first_stress(dH)
+        else:
+            stress = along(body.first_stress, self._H, dH)
+        force = body.force_of(stress)
+        if body.has_followers:
+            force -= self._load_change(change)
+        if body.problem.springs:
+            force = force + spring_stiffness_times(body.mesh, body.problem.springs, change)
+        return body.freed(force)
+
+    def solve(self, right: Points, tolerance: float) -> Points:
+        """The change [m] that forces [N] make, both (num_points, 3); see `solve_scaled`."""
+        # Near equilibrium what rounding of large forces left across slanted planes would stay.
+        right = self.body.freed(right)
+        return solve_scaled(
+            self.times,
+            right,
+            _diagonal(self.body),
+            tolerance=tolerance,
+            is_symmetric=self.is_symmetric,
+        )
+
+    def _load_change(self, change: Points) -> Points:
+        """Of pressures, which are quadratic in the displacement: central differences are exact."""
+        far = float(np.abs(change).max())
+        if not far > 0.0:
+            return np.zeros_like(change)
+        length = float(np.ptp(self.body.mesh.points, axis=0).max()) / far
+        body, ends = self.body, []
+        for sign in (1.0, -1.0):
+            ends.append(body.total(body.loads(self._displacement + sign * length * change)))
+        found: Points = (ends[0] - ends[1]) / (2.0 * length)
+        return found
+
+
+def _diagonal(body: Body) -> Points:
+    """That scales a linear system: one number for a point that slides along a slanted plane.
+
+    What is divided by it then stays in that plane.
+    """
+    diagonal = body.stiffness_diagonal
+    if body.slopes is None:
+        return diagonal
+    scaled = diagonal.copy()
+    scaled[body.slopes.points] = diagonal[body.slopes.points].mean(axis=1, keepdims=True)
+    return scaled
+
+
+def solve_scaled(
+    product: Callable[[Points], Points],
+    right: Points,
+    diagonal: Points,
+    *,
+    tolerance: float,
+    is_symmetric: bool = True,
+) -> Points:
+    """Solve A x = b without a matrix, scaled by a diagonal, or find that A is not definite.
+
+    By conjugate gradients where A is symmetric (J. R. Shewchuk, An introduction to the conjugate
+    gradient method without the agonizing pain, 1994, section B3), else by stabilised bi-conjugate
+    gradients (H. A. van der Vorst, SIAM J. Sci. Stat. Comput. 13, 1992, 631-644).
+
+    Args:
+        product: A x.
+        right: b, (num_points, 3); as x, 0 where held.
+        diagonal: Positive, near A's own.
+        tolerance: Of the residual over b, both scaled by the diagonal.
+        is_symmetric: Whether A is.
+
+    Raises:
+        NotPositiveDefiniteError: A direction p on the way has p . A p <= 0, or the recurrence of an
+            A that is not symmetric breaks down. From a random b any negative eigenvalue shows
+            before the residual is small.
+        ReferenceFailedError: No convergence.
+    """
+    from scipy.sparse.linalg import LinearOperator, bicgstab, cg
+
+    root = np.sqrt(diagonal)
+
+    def scaled(flat: Points) -> Points:
+        along = flat.reshape(right.shape)
+        image: Points = (product(along / root) / root).ravel()
+        if is_symmetric and flat.any() and not float(flat @ image) > 0.0:
+            raise NotPositiveDefiniteError
+        return image
+
+    # Of unit size: scipy takes products below eps^2 for a breakdown.
+    size = float(np.linalg.norm(right / root))
+    if size == 0.0:
+        return np.zeros_like(right)
+    solver = cg if is_symmetric else bicgstab
+    # scipy 1.12 renamed it.
+    name = "rtol" if "rtol" in signature(solver).parameters else "tol"
+    found, status = solver(
+        LinearOperator((right.size, right.size), matvec=scaled, dtype=np.float64),
+        (right / root).ravel() / size,
+        maxiter=_MOST_ITERATIONS,
+        atol=0.0,
+        **{name: tolerance},
+    )
+    if status > 0:
+        raise ReferenceFailedError(
+            f"the audit's linear solver found nothing in {_MOST_ITERATIONS} iterations: the mesh "
+            "or material is too badly conditioned for it; audit on degree 2, which needs FEniCSx"
+        )
+    if status < 0 or not np.isfinite(found).all():
+        raise NotPositiveDefiniteError
+    solution: Points = size * found.reshape(right.shape) / root
+    return solution

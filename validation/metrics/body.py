@@ -7,37 +7,40 @@ one can be altered.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import (
+    FACET_PLACES,
+    FACET_WEIGHTS,
     cell_materials,
     cell_values,
+    facet_areas,
     fixed_components,
     nodal_force,
     pushes_of_supports,
     sliding_points,
     touchable_points,
 )
-from palpate.validation.metrics.finite_laws import energy_density, finite_stress
 from palpate.validation.metrics.laws import (
     MEASURES,
-    Array,
-    Law,
+    LawOfCells,
+    energy_density,
+    finite_stress,
     hooke,
-    law_of,
     push_forward,
     strain_of,
 )
-from palpate.validation.metrics.smoothing import Smoothing
-from palpate.validation.metrics.springs import spring_force
+from palpate.validation.metrics.smoothing import Array, Smoothing
 
 Mask = NDArray[np.bool_]
 
@@ -70,6 +73,45 @@ def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) 
     a, b, c = (places[load.facets[:, k]] for k in range(3))
     thirds = -load.pressure / 6.0 * np.cross(b - a, c - a)
     return sum_at_points(load.facets, np.repeat(thirds[:, None], 3, axis=1), mesh.num_points)
+
+
+def spring_force(
+    mesh: TetMesh, spring: Spring, displacement: Points, time: float | None = None
+) -> Points:
+    """Force of a spring on each point [N], (num_points, 3).
+
+    Args:
+        mesh: At rest.
+        spring: With its facets in that mesh.
+        displacement: Of the points [m].
+        time: Of its path [s]; where it ends, at full stiffness, if None.
+    """
+    anchor = spring.path.end if time is None else spring.path.at(time)
+    kappa = spring.densities(mesh.points)
+    if time is not None and spring.amplitude is not None:
+        kappa = spring.amplitude(time) * kappa
+    apart = anchor - displacement[spring.facets]
+    return _integrated(mesh, spring, kappa, apart)
+
+
+def spring_stiffness_times(mesh: TetMesh, springs: Sequence[Spring], change: Points) -> Points:
+    """What springs at full stiffness push back with if a body moves on [N], (num_points, 3)."""
+    force = np.zeros_like(change)
+    for spring in springs:
+        kappa = spring.densities(mesh.points)
+        force += _integrated(mesh, spring, kappa, change[spring.facets])
+    return force
+
+
+def _integrated(mesh: TetMesh, spring: Spring, kappa: Floats, field: Points) -> Points:
+    """Integral of kappa f N_a over the patch; both by the corners of the facets."""
+    force = np.zeros_like(mesh.points)
+    areas = facet_areas(mesh.points, spring.facets)
+    for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
+        pushed = (weight * areas * (kappa @ place))[:, None] * np.einsum("k,mkj->mj", place, field)
+        for corner, share in enumerate(place):
+            np.add.at(force, spring.facets[:, corner], share * pushed)
+    return force
 
 
 class Body:
@@ -162,40 +204,40 @@ class Body:
         by_corner = self._by_volume @ stress.transpose(0, 2, 1)
         return sum_at_points(self.mesh.cells, by_corner, self.mesh.num_points)
 
-    def force_of_strain(self, strain: Array) -> Points:
-        """Nodal forces V (C : E) grad N of a strain by cell, (num_cells, 3, 3) [N]."""
-        return self.force_of(hooke(strain, self.lmbda, self.mu))
-
     def internal(
-        self, displacement: Points, law: Law | None = None, lame: tuple[Array, Array] | None = None
+        self,
+        displacement: Points,
+        law: LawOfCells | None = None,
+        lame: tuple[Array, Array] | None = None,
     ) -> Points:
         """Derivative of the energy by the points [N], by the law and material asked for, or others.
 
         NaN where a law has no stress for so large a strain.
         """
         H = self.gradient(displacement)
-        measure = self.strain if law is None else MEASURES.get(law)
-        by_own_law = law is None and not self.is_linear_in_strain
-        if self._smoothing is not None and measure is not None and not by_own_law:
-            smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
-            stress = smoothing.stress(strain_of(H, measure))
-            return self.force_of(push_forward(H, stress, measure))
-        lmbda, mu = lame or (self.lmbda, self.mu)
         try:
-            if by_own_law:
-                c01 = self.c01 * (mu / self.mu)
-                if self._smoothing is None:
-                    stress = finite_stress(self.law, H, lmbda, mu, c01, self._terms)
-                else:
-                    stress = Smoothing(self.mesh, lmbda, mu, c01).law_stress(
-                        self.law, H, self._terms
-                    )
+            if law is None:
+                body = self if lame is None else self._of_other_material(*lame)
+                stress = body.first_stress(H)
+            elif self._smoothing is not None and law in MEASURES:
+                smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
+                measure = MEASURES[law]
+                stress = push_forward(H, smoothing.stress(strain_of(H, measure)), measure)
             else:
-                stress = (law or law_of(self.strain))(H, lmbda, mu)
+                stress = law(H, *(lame or (self.lmbda, self.mu)))
         except np.linalg.LinAlgError:
             # A cell that is squeezed flat has no stress by a law that divides by its volume.
             return np.full_like(self.mesh.points, np.nan)
         return self.force_of(stress)
+
+    def _of_other_material(self, lmbda: Array, mu: Array) -> Body:
+        """The same body with other parameters by cell; Mooney and Rivlin's in proportion to mu."""
+        body = copy.copy(self)
+        body.lmbda, body.mu, body.c01 = lmbda, mu, self.c01 * (mu / self.mu)
+        if self._smoothing is not None:
+            c01 = None if self.is_linear_in_strain else body.c01
+            body._smoothing = Smoothing(self.mesh, lmbda, mu, c01)
+        return body
 
     def viscous(self, displacement: Points, before: Points) -> Points:
         """Forces of the stress by the law at rest of what the strain has changed by [N].
@@ -213,38 +255,28 @@ class Body:
     def stresses(self, displacement: Points) -> tuple[Array, Array]:
         """Cauchy's and the first Piola-Kirchhoff stress of each cell [Pa], (num_cells, 3, 3).
 
-        P = F S with S as the element takes it, sigma = P F^T / det F; with engineering strain both
-        are S. Not finite where a cell is flat.
+        P as the element takes it, sigma = P F^T / det F; with engineering strain both are S. Not
+        finite where a cell is flat.
         """
         H = self.gradient(displacement)
-        if not self.is_linear_in_strain:
-            return self._finite_stresses(H)
-        E = strain_of(H, self.strain)
-        smoothing = self._smoothing
-        S = hooke(E, self.lmbda, self.mu) if smoothing is None else smoothing.stress(E)
+        try:
+            P = self.first_stress(H)
+        except np.linalg.LinAlgError:
+            P = np.full_like(H, np.nan)
         if self.strain is Strain.LINEAR:
-            return S, S
+            return P, P
         F = np.eye(3) + H
-        P: Array = F @ S
         with np.errstate(all="ignore"):
             sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma, P
 
     def first_stress(self, H: Array) -> Array:
-        """P by a law that is not linear in strain, as the element takes it; H may be complex."""
+        """P of displacement gradients as the element takes it; H may be complex."""
+        if self.is_linear_in_strain:
+            return push_forward(H, self.stress(strain_of(H, self.strain)), self.strain)
         if self._smoothing is not None:
             return self._smoothing.law_stress(self.law, H, self._terms)
         return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)
-
-    def _finite_stresses(self, H: Array) -> tuple[Array, Array]:
-        try:
-            P = self.first_stress(H)
-        except np.linalg.LinAlgError:
-            P = np.full_like(H, np.nan)
-        F = np.eye(3) + H
-        with np.errstate(all="ignore"):
-            sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
-        return sigma, P
 
     @cached_property
     def stiffness_diagonal(self) -> Points:
@@ -339,7 +371,7 @@ class Body:
     def miss(self, displacement: Points) -> float:
         """How far held components are from where they are held, over the largest displacement."""
         apart = np.abs(self.to_supports(displacement)).max(initial=0.0)
-        return ratio(float(apart), float(np.abs(displacement).max()))
+        return relative_to(float(apart), float(np.abs(displacement).max()))
 
     def freed(self, vectors: Points) -> Points:
         """Vectors without their held components, (num_points, 3)."""
@@ -377,10 +409,10 @@ def dead_force(problem: Problem) -> Points:
 def imbalance(internal: Points, external: Points, rows: Mask) -> float:
     """Largest sum of forces at these components, over the largest nodal force."""
     scale = max(float(np.abs(internal).max()), float(np.abs(external).max()))
-    return ratio(float(np.abs(internal - external)[rows].max(initial=0.0)), scale)
+    return relative_to(float(np.abs(internal - external)[rows].max(initial=0.0)), scale)
 
 
-def ratio(value: float, scale: float) -> float:
+def relative_to(value: float, scale: float) -> float:
     """Zero over zero is zero: nothing is nothing's part."""
     if not np.isfinite(value) or not np.isfinite(scale):
         return float("inf")

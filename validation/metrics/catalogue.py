@@ -1,29 +1,122 @@
 """Every metric by name: what it says, what it needs, and how it is measured.
 
-Nobody else compares names: what sets a metric apart is a property of it here.
+Nobody else compares names: what sets a metric apart is a property of it here. A new one is a row of
+the table and, where no function of `comparison`, `stress` or `numbers` does, its error there.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.metrics import fields, motion, numbers, own_mesh, pairs, stress, surfaces
-from palpate.validation.metrics.finite import are_measurable, is_still
-from palpate.validation.metrics.metric import Compare, Metric
-from palpate.validation.metrics.pairs import Difference
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.metrics import comparison, motion, numbers, stress, validity
+from palpate.validation.metrics.difference import Difference, are_measurable, is_still
 from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
 
+Compare = Callable[[Problem, State, State], Difference]
+CompareInPart = Callable[[Problem, State, State, Part], Difference]
+Read = Callable[[Problem, State, Part, str], numbers.Number | None]
 
-def _of_mesh(name: str) -> Compare:
-    compare = pairs.COMPARISONS[name]
-    return lambda problem, candidate, reference: compare(problem.mesh, candidate, reference)
+# Whose error bars are of stress and energy.
+_OF_INTEGRALS = ("stress_l2", "traction_resultant", "strain_energy")
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One metric.
+
+    Attributes:
+        name: As in a case file.
+        meaning: What it says, in one line.
+        scale: What the error is divided by.
+        error: Of a candidate beside the reference on one mesh, and what reading may leave of it.
+        scale_of: Size of the reference that `error` is divided by, and its name for people.
+        compare: Instead of these two, candidate and reference to a relative error at the case's
+            points.
+        of_part: As `compare`, of a part of the body that a check names.
+        own: Of the candidate alone.
+        says: What was found and the limit, of the candidate alone.
+        unit: Of the value.
+        asks: Keys of a check that say which number is held against one of the case file, the
+            candidate's or the truth's own; empty of what compares two states.
+        read: That number; None of a displacement at a point, over time or at the end.
+        components: Which `component` such a check may name.
+        dimension: Of that number: "length", "force", "stress", "volume" or "energy".
+        bar_of: Whose error bar the truth's number has.
+        is_alone: On its own mesh, without what it is at the case's points.
+        is_of_surface: Of a part: of a support or a cut, not of cells.
+        is_fitted: To a motion, as good as its samples.
+        is_lower_limit: The limit is the least that it may be, not the most.
+        has_moving_truth: The truth of a motion is held to it: points over time, not integrals of
+            the last state.
+        has_whole_bar: The truth of every static case has an error bar of it.
+        has_limit_at_points: It tends to something under forces on single points, under linear
+            strain: an integral, or a number from elsewhere in the body.
+        needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
+            read at the points does not carry it.
+        needs_time: For cases with [time] only.
+        needs_tools: Of cases with tools only.
+    """
+
+    name: str
+    meaning: str
+    scale: str
+    error: comparison.ErrorOf | None = None
+    scale_of: comparison.ScaleOf | None = None
+    compare: Compare | None = None
+    of_part: CompareInPart | None = None
+    own: Callable[[TetMesh, State], validity.Worst] | None = None
+    says: str = ""
+    unit: str = "-"
+    asks: tuple[str, ...] = ()
+    read: Read | None = None
+    components: tuple[str, ...] = ()
+    dimension: str = "length"
+    bar_of: str = ""
+    is_alone: bool = False
+    is_of_surface: bool = False
+    is_fitted: bool = False
+    is_lower_limit: bool = False
+    has_moving_truth: bool = False
+    has_whole_bar: bool = False
+    has_limit_at_points: bool = False
+    needs_same_mesh: bool = False
+    needs_tools: bool = False
+    needs_time: bool = False
+
+    @property
+    def is_published(self) -> bool:
+        """Whether it is held against a number of the case file."""
+        return bool(self.asks)
+
+    @property
+    def is_of_integrals(self) -> bool:
+        """Whether a quadratic truth tells it by integrals that are kept beside its displacement."""
+        return self.of_part is not None or self.bar_of in _OF_INTEGRALS
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is of the candidate alone, without any number to compare with."""
+        return self.own is not None
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether it is an error between two states."""
+        return self.is_of_whole or self.of_part is not None
+
+    @property
+    def is_of_whole(self) -> bool:
+        """Whether it is an error between two states of the whole body."""
+        return self.error is not None or self.compare is not None
 
 
 _AXES = ("x", "y", "z")
@@ -33,86 +126,92 @@ _METRICS = (
         "displacement_l2",
         "error of displacement over the whole body, by rest volume",
         "L2 norm of the reference's displacement",
-        _of_mesh("displacement_l2"),
-        own_mesh.displacement_l2,
+        comparison.displacement_l2,
+        comparison.l2_of,
+        has_whole_bar=True,
+        has_limit_at_points=True,
         has_moving_truth=True,
     ),
     Metric(
         "displacement_h1",
         "error of the displacement's gradient: local strain and rotation",
         "H1 seminorm of the reference's displacement",
-        fields.displacement_h1,
-        own_mesh.displacement_h1,
+        comparison.displacement_h1,
+        comparison.h1_of,
         needs_same_mesh=True,
     ),
     Metric(
         "energy_norm",
         "error of strain weighted by stiffness",
         "energy norm of the reference's displacement",
-        fields.energy_norm,
-        own_mesh.energy_norm,
+        comparison.energy_norm,
+        comparison.energy_norm_of,
         needs_same_mesh=True,
     ),
     Metric(
         "displacement_max",
         "largest error of displacement at a point",
         _LARGEST,
-        _of_mesh("displacement_max"),
-        own_mesh.displacement_max,
+        comparison.displacement_max,
+        comparison.largest_displacement_of,
+        has_whole_bar=True,
         has_moving_truth=True,
     ),
     Metric(
         "max_displacement",
         "error of the largest displacement",
         _LARGEST,
-        _of_mesh("max_displacement"),
-        own_mesh.max_displacement,
+        comparison.max_displacement,
+        comparison.largest_displacement_of,
+        has_whole_bar=True,
         has_moving_truth=True,
     ),
     Metric(
         "volume",
         "error of the deformed volume",
         "change of volume of the reference",
-        _of_mesh("volume"),
-        own_mesh.size_error("volume"),
+        comparison.size_error("volume"),
+        comparison.change_of("volume", "volume"),
+        has_whole_bar=True,
         is_alone=True,
     ),
     Metric(
         "local_volume",
         "root mean square error of det F over the cells",
         "root mean square of the reference's det F - 1",
-        fields.local_volume,
-        own_mesh.local_volume,
+        comparison.local_volume,
+        comparison.local_change_of,
         needs_same_mesh=True,
     ),
     Metric(
         "surface_area",
         "error of the deformed area",
         "change of area of the reference",
-        _of_mesh("surface_area"),
-        own_mesh.size_error("surface_area"),
+        comparison.size_error("surface_area"),
+        comparison.change_of("surface_area", "area"),
+        has_whole_bar=True,
         is_alone=True,
     ),
     Metric(
         "surface_hausdorff",
         "largest distance between the deformed surfaces",
         _LARGEST,
-        surfaces.surface_hausdorff,
-        own_mesh.surface_hausdorff,
+        comparison.surface_hausdorff,
+        comparison.largest_displacement_of,
     ),
     Metric(
         "surface_mean_distance",
         "mean distance between the deformed surfaces",
         _LARGEST,
-        surfaces.surface_mean_distance,
-        own_mesh.surface_mean_distance,
+        comparison.surface_mean_distance,
+        comparison.largest_displacement_of,
     ),
     Metric(
         "reaction_force",
         "largest error of a support's total force",
         "largest support force of the reference",
-        fields.reaction_force,
-        own_mesh.reaction_force,
+        comparison.reaction_force,
+        comparison.largest_reaction_of,
         is_alone=True,
         needs_same_mesh=True,
     ),
@@ -120,7 +219,9 @@ _METRICS = (
         "tool_force",
         "largest error of the force on a tool",
         "largest force of the reference on a tool",
-        fields.tool_force,
+        comparison.tool_force,
+        comparison.largest_tool_force_of,
+        has_limit_at_points=True,
         has_moving_truth=True,
         needs_tools=True,
     ),
@@ -128,8 +229,8 @@ _METRICS = (
         "strain_energy",
         "error of the strain energy",
         "strain energy of the reference",
-        fields.energy,
-        own_mesh.energy,
+        comparison.strain_energy,
+        comparison.energy_of,
         is_alone=True,
         needs_same_mesh=True,
     ),
@@ -138,20 +239,23 @@ _METRICS = (
         "error of Cauchy's stress in a region, turned back by each cell's rotation",
         "L2 norm of the reference's stress there",
         of_part=stress.stress_l2,
+        has_limit_at_points=True,
     ),
     Metric(
         "traction_resultant",
         "error of the force of a support, or through the cut that bounds a region",
         "largest force of a load or support of the reference; 1 N where none has one",
         of_part=stress.traction_resultant,
+        has_limit_at_points=True,
         is_of_surface=True,
     ),
     Metric(
         "trajectory_l2",
         "largest error of displacement over time",
         "largest L2 norm of the reference's displacement over time",
-        motion.trajectory_l2,
-        own_mesh.trajectory_l2,
+        comparison.trajectory_l2,
+        comparison.largest_l2_of,
+        has_limit_at_points=True,
         has_moving_truth=True,
         needs_time=True,
     ),
@@ -160,7 +264,7 @@ _METRICS = (
             name,
             f"error of the {name.removeprefix('oscillation_')} of the point that swings most",
             "the reference's (phase: one period; damping: its frequency; mean: its amplitude)",
-            partial(motion.oscillation, name),
+            compare=partial(motion.oscillation, name),
             is_fitted=True,
             has_moving_truth=True,
             needs_time=True,
@@ -171,7 +275,7 @@ _METRICS = (
         "smallest_det_f",
         "smallest volume ratio of a cell",
         "none",
-        own=fields.smallest_det_f,
+        own=validity.smallest_det_f,
         says="smallest det F {0.value:.4g}{0.when} {sign} {limit:g}",
         is_lower_limit=True,
     ),
@@ -179,7 +283,7 @@ _METRICS = (
         "inverted_cells",
         "cells turned inside out",
         "none",
-        own=fields.most_inverted,
+        own=validity.most_inverted,
         says="{0.value:.0f} inverted cell(s){0.when}, at most {limit:g}",
         unit="cells",
     ),
@@ -211,6 +315,7 @@ _METRICS = (
         components=_AXES,
         dimension="force",
         bar_of="traction_resultant",
+        has_limit_at_points=True,
     ),
     Metric(
         "published_tool_force",
@@ -221,6 +326,7 @@ _METRICS = (
         components=_AXES,
         dimension="force",
         bar_of="tool_force",
+        has_limit_at_points=True,
         has_moving_truth=True,
         needs_tools=True,
     ),
@@ -251,18 +357,14 @@ _METRICS = (
         components=numbers.STRESSES,
         dimension="stress",
         bar_of="stress_l2",
+        has_limit_at_points=True,
     ),
 )
 CATALOGUE = {metric.name: metric for metric in _METRICS}
 # What the truth of a motion carries error bars for.
-MOVING_TRUTH_METRICS = tuple(m.name for m in _METRICS if m.has_moving_truth and m.compare)
-
-
-def _in_part(metric: Metric, part: Part | None) -> Compare:
-    of_part = metric.of_part
-    if of_part is None or part is None:
-        raise InputError(f"metric {metric.name!r} is of a part of the body: say which")
-    return lambda problem, candidate, reference: of_part(problem, candidate, reference, part)
+MOVING_TRUTH_METRICS = tuple(m.name for m in _METRICS if m.has_moving_truth and m.is_of_whole)
+# What the truth of every static case carries error bars for.
+WHOLE_BODY_METRICS = tuple(m.name for m in _METRICS if m.has_whole_bar)
 
 
 def measure(
@@ -274,7 +376,7 @@ def measure(
         name: Of the metric.
         problem: Of both.
         candidate: Who is judged.
-        reference: What it is held against.
+        reference: What it is compared with.
         part: Of the body, for metrics of one.
 
     Raises:
@@ -283,28 +385,46 @@ def measure(
     metric = CATALOGUE.get(name)
     if metric is None or not metric.is_compared:
         raise InputError(f"no metric {name!r} between two states")
-    compare = metric.compare or _in_part(metric, part)
+    if metric.of_part is not None and part is None:
+        raise InputError(f"metric {name!r} is of a part of the body: say which")
     if not are_measurable(*candidate.fields):
         return Difference(math.inf, math.nan, metric.scale)
     if not metric.needs_tools and all(is_still(problem.mesh, s) for s in (candidate, reference)):
         # Distances of surfaces and forces are then rounding, and nothing scales them.
         return Difference(0.0, 0.0, metric.scale)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = compare(problem, candidate, reference)
-        if candidate.own is not None and metric.on_own_mesh is not None:
-            found = own_mesh.measure_on_own_mesh(
-                metric.on_own_mesh,
-                found,
-                problem,
-                candidate,
-                candidate.own,
-                reference,
-                is_alone=metric.is_alone,
-            )
+        found = _compare(metric, problem, candidate, reference, part)
         other = candidate.other_reading
         # A fit is of the states as they were sent, not as they are read between them.
         if other is None or metric.is_fitted:
             return found
-        apart = compare(problem, candidate, other)
+        apart = _compare(metric, problem, candidate, other, part, is_at_points=True)
         off = apart.value * apart.scale / found.scale if apart.value else 0.0
     return dataclasses.replace(found, uncertainty=found.uncertainty + off)
+
+
+def _compare(
+    metric: Metric,
+    problem: Problem,
+    candidate: State,
+    reference: State,
+    part: Part | None,
+    *,
+    is_at_points: bool = False,
+) -> Difference:
+    if metric.of_part is not None:
+        assert part is not None
+        return metric.of_part(problem, candidate, reference, part)
+    if metric.compare is not None:
+        return metric.compare(problem, candidate, reference)
+    assert metric.error is not None
+    assert metric.scale_of is not None
+    return comparison.compare_states(
+        metric.error,
+        metric.scale_of,
+        problem,
+        candidate,
+        reference,
+        own=None if is_at_points else candidate.own,
+        is_alone=metric.is_alone,
+    )

@@ -1,20 +1,27 @@
-"""Metrics of motion: the whole trajectory, and the oscillation of the point that moves most."""
+"""Oscillation of the point that moves most: its errors, what sampling shows, numerical damping.
+
+A swing of 10 Hz, sampled 13 times a second, looks like one of 3 Hz, to the last digit: samples
+alone never exclude it. The body's own stiffness does: what its elasticity pulls it back with
+says how fast it has to swing (Rayleigh's quotient), at any sampling.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from dataclasses import fields as fields_of
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.field_norms import l2_norms
-from palpate.meshes.problem import Problem
-from palpate.validation.metrics.finite import largest
-from palpate.validation.metrics.pairs import Difference, ratio
-from palpate.validation.metrics.sampling import may_be_alias, too_coarse
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.schemes import Steps, frequency_ratio, numerical_damping_ratio
+from palpate.validation.exchange.nodal_arrays import lumped_mass
+from palpate.validation.metrics.body import body_of
+from palpate.validation.metrics.difference import Difference
 from palpate.validation.metrics.time_series import (
     OscillationError,
     fit_oscillation,
@@ -35,14 +42,15 @@ _SCALES = {
     "damping": "the reference's frequency",
     "mean": "the reference's amplitude",
 }
-
-
-def trajectory_l2(problem: Problem, candidate: State, reference: State) -> Difference:
-    """Largest L2 error of displacement over time, over the reference's largest L2 norm."""
-    ours, theirs = _trajectories(candidate, reference)
-    error = largest(l2_norms(problem.mesh, ours.displacements - theirs.displacements))
-    scale = largest(l2_norms(problem.mesh, theirs.displacements))
-    return ratio(error, scale, "largest L2 norm of the reference's displacement over time")
+# Two are the limit, where phase and amplitude cannot be told apart.
+SAMPLES_PER_PERIOD = 2.5
+# States that the quotient is taken over.
+_MOST_STATES = 64
+# Of a motion, before which nothing is fitted: quick modes, which a scheme damps most, are in the
+# swing until then, and their end would look like the swing's decay.
+_EARLY = 1.0 / 3.0
+# Angles of a step between which the true frequency is looked for [rad].
+_LEAST, _MOST = 1e-9, 1e4
 
 
 def oscillation(name: str, problem: Problem, candidate: State, reference: State) -> Difference:
@@ -125,3 +133,160 @@ def _trajectories(candidate: State, reference: State) -> tuple[Trajectory, Traje
     if candidate.trajectory is None or reference.trajectory is None:
         raise InputError("metrics of motion need a case with [time]")
     return candidate.trajectory, reference.trajectory
+
+
+def largest_gap(motion: Trajectory) -> float:
+    """Longest time from one state to the next [s]."""
+    return float(np.diff(motion.times).max())
+
+
+def too_coarse(motion: Trajectory, frequency: float) -> str:
+    """Why the states of a motion are too far apart for a frequency [Hz]; "" where they are not."""
+    gap = largest_gap(motion)
+    highest = 1.0 / (SAMPLES_PER_PERIOD * gap)
+    if frequency <= highest:
+        return ""
+    return (
+        f"states {gap:.3g} s apart tell frequencies up to {highest:.3g} Hz, not {frequency:.3g} "
+        "Hz: send more of them"
+    )
+
+
+def may_be_alias(
+    problem: Problem,
+    strain: Strain,
+    motion: Trajectory,
+    *,
+    element: Element = Element.LINEAR,
+    of: Trajectory | None = None,
+) -> str:
+    """Why a frequency that the states of a motion show may be another's; "" where it is not.
+
+    Args:
+        problem: With mass, stiffness, supports and loads.
+        strain: Whose law pulls the body back.
+        motion: The states.
+        element: Whose tetrahedra pull it back: those of the candidate.
+        of: The motion whose content is looked at, the reference's; `motion` where None.
+    """
+    gap = largest_gap(motion)
+    content = content_frequency(problem, strain, of or motion, element)
+    if content <= 0.5 / gap:
+        return ""
+    return (
+        f"states {gap:.3g} s apart tell frequencies up to {0.5 / gap:.3g} Hz at most, and the "
+        f"body's stiffness has it swing at about {content:.3g} Hz: what is seen may be an alias"
+    )
+
+
+@lru_cache(maxsize=4)
+def content_frequency(
+    problem: Problem, strain: Strain, motion: Trajectory, element: Element = Element.LINEAR
+) -> float:
+    """How fast the body has to swing to be in these states [Hz]: Rayleigh's quotient.
+
+    sum over states of (u - mean).(internal force - load) over that of (u - mean).M (u - mean),
+    over what is free and out of the tools' reach; its root over 2 pi. A mean over all modes in
+    the motion by how much they move. Linear tetrahedra make it too high rather than too low;
+    smoothed ones are never stiffer, and close to the body itself.
+    """
+    body, mass = body_of(problem, strain, element), lumped_mass(problem)[:, None]
+    about = motion.displacements - motion.displacements.mean(axis=0)
+    stiff, inert = 0.0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(0, len(about), math.ceil(len(about) / _MOST_STATES)):
+            displacement, time = motion.displacements[k], float(motion.times[k])
+            force = body.internal(displacement) - body.external(displacement, time)
+            stiff += float((force * about[k])[body.free].sum())
+            inert += float((mass * about[k] ** 2)[body.free].sum())
+    if not (math.isfinite(stiff) and math.isfinite(inert)):
+        return math.inf
+    return math.sqrt(max(stiff / inert, 0.0)) / (2.0 * math.pi) if inert > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class NumericalDamping:
+    """Of the oscillation of the point that swings most.
+
+    Attributes:
+        steps: Scheme and time step.
+        frequency: As the answer has it [Hz].
+        formula: Damping ratio by the scheme [-].
+        measured: That of the answer, less what the case's dampings make of it [-].
+        uncertainty: Of `measured`: what other modes leak into the fit, and how far the motion's
+            first third would move it [-].
+    """
+
+    steps: Steps
+    frequency: float
+    formula: float
+    measured: float
+    uncertainty: float
+
+    def __str__(self) -> str:
+        return (
+            f"numerical damping at {self.frequency:.4g} Hz ({self.steps}): "
+            f"{100.0 * self.formula:.3g} % of critical by the scheme, {100.0 * self.measured:.3g} "
+            f"+- {100.0 * self.uncertainty:.2g} % measured"
+        )
+
+
+def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDamping:
+    """Damping by the scheme that an answer states, and the one that it has.
+
+    measured = (g - lambda / 2) / w - beta w / 2 for a decay exp(-g t) at w = 2 pi f under mass
+    damping lambda and stiffness damping beta. The formula is of the frequency that the scheme makes
+    f of, without them: their product is of second order in the step.
+
+    Args:
+        problem: The case's.
+        answer: A motion with `steps`.
+
+    Raises:
+        InputError: No motion, no stated scheme, nothing that swings for two periods and a quarter,
+            or a frequency that the scheme cannot have with this step.
+
+    Note:
+        Two modes of nearly one frequency beat: what is measured then is neither's.
+    """
+    motion = answer.trajectory
+    if motion is None or answer.steps is None or problem.time is None:
+        raise InputError("numerical damping is of a motion whose scheme and step are stated")
+    point, axis = swinging_most(motion)
+    along = motion.displacements[:, point] @ axis
+    whole = fit_oscillation(motion.times, along)
+    late = motion.times >= motion.times[0] + _EARLY * np.ptp(motion.times)
+    swing = fit_oscillation(motion.times[late], along[late])
+    off = fit_uncertainty(motion.times[late], along[late], swing).damping * swing.frequency
+    off += abs(swing.damping - whole.damping)
+    omega = 2.0 * math.pi * swing.frequency
+    angle = true_angle(answer.steps, swing.frequency)
+    return NumericalDamping(
+        answer.steps,
+        swing.frequency,
+        numerical_damping_ratio(answer.steps.integrator, angle),
+        (swing.damping - 0.5 * problem.time.mass_damping) / omega
+        - 0.5 * problem.time.stiffness_damping * omega,
+        off / omega,
+    )
+
+
+def true_angle(steps: Steps, frequency: float) -> float:
+    """Omega dt [rad] of the undamped oscillation that a scheme shows at a frequency [Hz].
+
+    Raises:
+        InputError: With this step the scheme shows no such frequency.
+    """
+    shown = 2.0 * math.pi * frequency * steps.time_step
+    scheme, low = steps.integrator, _LEAST
+    high = _MOST if scheme.is_implicit else 2.0 * (1.0 - 1e-12)
+
+    def of(angle: float) -> float:
+        return angle * frequency_ratio(scheme, angle)
+
+    if not of(low) < shown < of(high):
+        raise InputError(f"{steps}: shows no oscillation of {frequency:g} Hz")
+    from scipy.optimize import brentq
+
+    root = brentq(lambda log: of(math.exp(log)) - shown, math.log(low), math.log(high), xtol=1e-15)
+    return math.exp(float(root))

@@ -17,9 +17,8 @@ from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.metrics.body import body_of, factor_at_end, load_force
+from palpate.validation.metrics.body import body_of, factor_at_end, load_force, spring_force
 from palpate.validation.metrics.own_mesh import problem_on
-from palpate.validation.metrics.springs import spring_force
 from palpate.validation.metrics.stress import (
     Part,
     force_of_part,

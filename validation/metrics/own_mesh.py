@@ -1,39 +1,54 @@
-"""Metrics of an answer on a mesh of its own: judged there, and at the case's points as well.
+"""The reference read on a candidate's own mesh, and the forces of the supports there.
 
-The reference is known at the case's points, and is read between them at the points of the own
-mesh (`between_points`). What that reading may be off by is the comparison's uncertainty: it adds
-to the reference's error bar, so that garbage fails, and an honest answer does not. Each value is
-the worst of both meshes; of what needs no reading (volume, area, energy), that of its own.
+Linear tetrahedra are read as they are. A quadratic reference is known at its corners only: there
+its second derivatives are recovered from neighbours, by a least-squares quadratic around each
+point (polynomial-preserving recovery; Zhang and Naga, SIAM J. Sci. Comput. 26, 2005), and bend
+the linear reading along the edges of each cell,
 
-With inclusions a cell of the own mesh has the material of the case's cell that holds its middle.
+    u(x) = sum_a l_a u_a + 1/2 sum_{a<b} l_a l_b (G_a - G_b) (x_b - x_a),
+
+l_a the barycentric coordinates and G_a the recovered gradients. The doubt is twice
+
+    sum_{a<b} l_a l_b max(|G_a (x_b - x_a) - (u_b - u_a)|, the same with G_b):
+
+where the field is smooth that is twice what is added, and the reading's error is of higher order;
+at the edge of a support, where the field has a kink, the slope along the edge is none of the two.
+
+Which of its points a candidate held is not known exactly: those between held and free points of
+the case may be either. In equilibrium a free point is in balance and adds nothing, so that all of
+them are summed; in motion they are not, and their forces are the doubt. With inclusions a cell of
+the own mesh has the material of the case's cell that holds its middle.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.field_norms import l2_norm
-from palpate.meshes.problem import Inclusion, Problem, Strain
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.point_location import locate
-from palpate.validation.exchange.time_reading import read_at
-from palpate.validation.metrics.between_points import Reading, read_between
-from palpate.validation.metrics.body import body_of
-from palpate.validation.metrics.fields import det_f, gradient_norm
-from palpate.validation.metrics.own_reactions import own_reactions
-from palpate.validation.metrics.pairs import Difference
-from palpate.validation.metrics.surfaces import surface_distances
-from palpate.validation.states import OwnMesh, State
+from palpate.meshes.boundary_conditions import BodyForce, Pressure
+from palpate.meshes.problem import Inclusion, Problem
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.exchange.nodal_arrays import fixed_components, nodal_force
+from palpate.validation.exchange.point_location import locate, locate_points
+from palpate.validation.metrics.body import body_of, factor_at_end, load_force, spring_force
+from palpate.validation.states import State
 
-# Times are the same within this part of the span.
-_SAME_TIME = 1e-9
+Array = NDArray[np.float64]
+_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+# Points whose neighbours' neighbours are gathered together: bounds the memory.
+_CHUNK = 1000
+# Of the doubt: at the edge of the kidney's support one is too little, two is not.
+_SAFETY = 2.0
+# Flat patches, one cell thick, do not tell all second derivatives: the smallest ones are taken.
+_RIDGE = 1e-8
+# Fractions of held points below this are rounding.
+_ROUNDING = 1e-6
 # What to do where the uncertainty leaves a verdict open.
 OWN_MESH_REMEDY = (
     "too near the limit for an answer on a mesh of its own, where the reference is read between "
@@ -43,34 +58,110 @@ OWN_MESH_REMEDY = (
 
 
 @dataclass(frozen=True, eq=False)
-class OwnPair:
-    """An answer on its own mesh at one time, beside the reference read there.
+class Reading:
+    """A displacement read at places.
 
     Attributes:
-        problem: The case's.
-        mesh: The answer's own.
-        displacement: Of the answer on it [m], (mesh.num_points, 3).
-        read: The reference read at its points.
-        candidate: The answer at the case's points.
-        reference: There too.
+        value: [m], (num_places, 3).
+        added: What of it a linear reading would not have [m], (num_places, 3).
+        doubt: What the reading may be off by [m], (num_places,).
     """
 
-    problem: Problem
-    mesh: TetMesh
-    displacement: Points
-    read: Reading
-    candidate: State
-    reference: State
+    value: Points
+    added: Points
+    doubt: Points
 
-    @property
-    def error(self) -> Points:
-        """Answer less reference at the own points [m]."""
-        return self.displacement - self.read.value
 
-    @property
-    def own_problem(self) -> Problem:
-        """The own mesh with the case's materials, without loads, springs, supports and tools."""
-        return problem_on(self.mesh, self.problem)
+def read_between(mesh: TetMesh, displacement: Points, degree: int, own: TetMesh) -> Reading:
+    """A displacement at the points of a mesh read at the points of another.
+
+    Outside of the mesh it is continued by the gradient at the nearest place, all of it doubt.
+
+    Args:
+        mesh: The case's.
+        displacement: At its points [m], (mesh.num_points, 3).
+        degree: Of the elements that it was solved with.
+        own: The other mesh.
+    """
+    location = locate_points(mesh, own)
+    corners = mesh.cells[location.cells]
+    weights = location.weights
+    gradients = recovered_gradients(mesh, displacement)[corners]
+    linear = location.read(mesh.cells, displacement)
+    added, doubt = np.zeros_like(linear), np.zeros(len(linear))
+    if degree > 1:
+        values = displacement[corners]
+        for a, b in _EDGES:
+            along = mesh.points[corners[:, b]] - mesh.points[corners[:, a]]
+            slopes = [np.einsum("pij,pj->pi", gradients[:, k], along) for k in (a, b)]
+            product = weights[:, a] * weights[:, b]
+            added += (0.5 * product)[:, None] * (slopes[0] - slopes[1])
+            missed = [np.linalg.norm(s - (values[:, b] - values[:, a]), axis=1) for s in slopes]
+            doubt += _SAFETY * product * np.maximum(*missed)
+    outside = location.distances > 0.0
+    if outside.any():
+        beyond = own.points - location.read(mesh.cells, mesh.points)
+        at_place = np.einsum("pa,paij->pij", weights, gradients)
+        continued = np.einsum("pij,pj->pi", at_place, beyond)[outside]
+        added[outside] += continued
+        doubt[outside] += np.linalg.norm(continued, axis=1)
+    return Reading(linear + added, added, doubt)
+
+
+def recovered_gradients(mesh: TetMesh, displacement: Points) -> Array:
+    """Gradient at each point of the quadratic nearest to its neighbourhood, (num_points, 3, 3).
+
+    Row i holds the derivatives of component i. Exact for quadratic fields where neighbours'
+    neighbours tell them apart.
+    """
+    who, others, weights = _gradient_weights(mesh)
+    change = displacement[others] - displacement[who]
+    starts = np.searchsorted(who, np.arange(mesh.num_points))
+    gradients: Array = np.add.reduceat(np.einsum("ni,nj->nij", change, weights), starts, axis=0)
+    return gradients
+
+
+@lru_cache(maxsize=2)
+def _gradient_weights(mesh: TetMesh) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """G_a = sum over n with who_n = a of (u_other - u_a) weight_n^T; `who` increases."""
+    from scipy.sparse import csr_array
+
+    ends = np.concatenate([mesh.cells[:, edge] for edge in _EDGES]).T
+    rows, columns = np.concatenate([ends, ends[::-1]], axis=1)
+    shape = (mesh.num_points, mesh.num_points)
+    near = csr_array((np.ones(len(rows), dtype=np.int32), (rows, columns)), shape=shape)
+    parts = []
+    for start in range(0, mesh.num_points, _CHUNK):
+        chosen = np.arange(start, min(start + _CHUNK, mesh.num_points))
+        # Neighbours, and theirs.
+        who, others = (near[chosen] + near[chosen] @ near).nonzero()
+        order = np.lexsort((others, who))
+        who, others = chosen[who[order]], others[order].astype(np.int64)
+        who, others = who[who != others], others[who != others]
+        parts.append((who, others, _fit(mesh, chosen, who, others)))
+    who, others, weights = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return who, others, weights
+
+
+def _fit(
+    mesh: TetMesh, rows: NDArray[np.int64], who: NDArray[np.int64], others: NDArray[np.int64]
+) -> Array:
+    """How much each neighbour's difference adds to the gradient at its point, (n, 3)."""
+    starts = np.searchsorted(who, rows)
+    apart = mesh.points[others] - mesh.points[who]
+    length = np.linalg.norm(apart, axis=1)
+    size = np.maximum.reduceat(length, starts)[who - rows[0]]
+    x, y, z = (apart / size[:, None]).T
+    basis = np.column_stack([x, y, z, x * x, y * y, z * z, y * z, z * x, x * y])
+    # Nearer neighbours count for more.
+    importance = (size / length) ** 2
+    normal = np.add.reduceat(np.einsum("n,ni,nj->nij", importance, basis, basis), starts, axis=0)
+    # On second derivatives above all: what is linear is found so, however few the neighbours.
+    ridge = np.diag([_RIDGE**2] * 3 + [_RIDGE] * 6)
+    normal += np.trace(normal, axis1=1, axis2=2)[:, None, None] * ridge
+    inverse = np.linalg.inv(normal)[:, :3][who - rows[0]]
+    weights: Array = np.einsum("nij,nj,n->ni", inverse, basis, importance / size)
+    return weights
 
 
 def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
@@ -88,181 +179,90 @@ def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
     )
 
 
-@lru_cache(maxsize=2)
-def _pair(problem: Problem, candidate: State, own: OwnMesh, reference: State) -> OwnPair:
-    """At the end; the last ones are remembered, for all metrics of them."""
-    read = read_between(problem.mesh, reference.displacement, reference.degree, own.mesh)
-    return OwnPair(problem, own.mesh, own.displacements[-1], read, candidate, reference)
-
-
-# An error on the own mesh and what it may be off by, both in the metric's unit.
-Measured = tuple[float, float]
-Measure = Callable[[OwnPair], Measured]
-
-
-def displacement_l2(pair: OwnPair) -> Measured:
-    """L2 norm of the error over the own mesh, and of the reading's doubt [m^2.5]."""
-    return l2_norm(pair.mesh, pair.error), l2_norm(pair.mesh, pair.read.doubt[:, None])
-
-
-def displacement_h1(pair: OwnPair) -> Measured:
-    """H1 seminorms of the error and of what a linear reading would not have [m^1.5]."""
-    return gradient_norm(pair.mesh, pair.error), gradient_norm(pair.mesh, pair.read.added)
-
-
-def energy_norm(pair: OwnPair) -> Measured:
-    """Of the same two, in linear elasticity [J^(1/2)]."""
-    body = body_of(pair.own_problem, Strain.LINEAR)
-    error, doubt = (math.sqrt(2.0 * body.energy(field)) for field in (pair.error, pair.read.added))
-    return error, doubt
-
-
-def displacement_max(pair: OwnPair) -> Measured:
-    """Largest error of a point [m]."""
-    error, doubt = _lengths(pair.error), pair.read.doubt
-    return _middle(float((error - doubt).max()), float((error + doubt).max()))
-
-
-def max_displacement(pair: OwnPair) -> Measured:
-    """Error of the largest displacement [m], of a point of the case or of the own mesh."""
-    read, doubt = _lengths(pair.read.value), pair.read.doubt
-    largest = pair.reference.max_displacement
-    low, high = (max(largest, float((read + sign * doubt).max())) for sign in (-1.0, 1.0))
-    middle, off = _middle(low, high)
-    found = max(float(_lengths(u).max()) for u in (pair.displacement, pair.candidate.displacement))
-    return abs(found - middle), off
-
-
-def local_volume(pair: OwnPair) -> Measured:
-    """Root mean square error of det F over the own cells [-]."""
-    read = pair.read
-    rest = signed_volumes(pair.mesh.points, pair.mesh.cells)
-    ours, theirs, plain = (
-        det_f(pair.mesh, field)
-        for field in (pair.displacement, read.value, read.value - read.added)
-    )
-    error, doubt = (
-        math.sqrt(float(rest @ (theirs - others) ** 2 / rest.sum())) for others in (ours, plain)
-    )
-    return error, doubt
-
-
-def size_error(name: str) -> Measure:
-    """Error of the volume [m3] or surface area [m2]; another size at rest leaves it open."""
-
-    def measure(pair: OwnPair) -> Measured:
-        rest, own = (float(getattr(mesh, name)) for mesh in (pair.problem.mesh, pair.mesh))
-        found, expected = (getattr(state, name) for state in (pair.candidate, pair.reference))
-        return abs(found - expected), abs(own / rest - 1.0) * abs(found - rest)
-
-    return measure
-
-
-def surface_hausdorff(pair: OwnPair) -> Measured:
-    """Hausdorff distance of the own boundary as answered and as the reference moves it [m]."""
-    doubt = pair.read.doubt[np.unique(pair.mesh.boundary_facets)]
-    return _surfaces(pair)[0], float(doubt.max())
-
-
-def surface_mean_distance(pair: OwnPair) -> Measured:
-    """Mean distance of the same two [m]."""
-    areas = np.linalg.norm(pair.mesh.surface().area_vectors, axis=1)
-    doubt = pair.read.doubt[pair.mesh.boundary_facets].mean(axis=1)
-    return _surfaces(pair)[1], float(np.average(doubt, weights=areas))
-
-
-@lru_cache(maxsize=2)
-def _surfaces(pair: OwnPair) -> Measured:
-    """Hausdorff and mean distance.
-
-    The same facets on both sides: chords of a curved body at rest do not count.
-    """
-    facets = pair.mesh.boundary_facets
-    moved = [pair.mesh.points + u for u in (pair.displacement, pair.read.value)]
-    return surface_distances(moved[0], facets, moved[1], facets)
-
-
-def energy(pair: OwnPair) -> Measured:
-    """Error of the strain energy [J]."""
-    found = body_of(pair.own_problem, pair.candidate.strain, pair.candidate.element).energy(
-        pair.displacement
-    )
-    expected = body_of(pair.problem, pair.reference.strain, pair.reference.element).energy(
-        pair.reference.displacement
-    )
-    other = abs(pair.mesh.volume / pair.problem.mesh.volume - 1.0)
-    return abs(found - expected), other * found
-
-
-def reaction_force(pair: OwnPair) -> Measured:
-    """Largest error of a support's total force [N]."""
-    return own_reactions(
-        pair.problem, pair.own_problem, pair.displacement, pair.candidate, pair.reference
-    )
-
-
-def trajectory_l2(pair: OwnPair) -> Measured:
-    """The worst of the reference's times, with what reading the answer there may be off by."""
-    own, sent, theirs = pair.candidate.own, pair.candidate.sent, pair.reference.trajectory
-    assert own is not None
-    assert sent is not None
-    assert theirs is not None
-    slack = _SAME_TIME * float(theirs.times[-1])
-    ours = read_at(sent.times, own.displacements, theirs.times, slack=slack)
-    found = []
-    for displacement, state, other in zip(
-        theirs.displacements, ours.states, ours.others, strict=True
-    ):
-        read = read_between(pair.problem.mesh, displacement, pair.reference.degree, own.mesh)
-        there = dataclasses.replace(pair, displacement=state, read=read)
-        error, doubt = displacement_l2(there)
-        doubt += l2_norm(own.mesh, state - other)
-        found.append((max(error - doubt, 0.0), error + doubt))
-    low, high = np.max(found, axis=0).tolist()
-    return _middle(low, high)
-
-
-def measure_on_own_mesh(
-    measure: Measure,
-    at_points: Difference,
-    problem: Problem,
-    candidate: State,
-    own: OwnMesh,
-    reference: State,
-    *,
-    is_alone: bool,
-) -> Difference:
-    """A metric of an answer with a mesh of its own.
+def own_reactions(
+    problem: Problem, own: Problem, displacement: Points, candidate: State, reference: State
+) -> tuple[float, float]:
+    """Largest error of a support's total force, and what it may be off by [N].
 
     Args:
-        measure: Of the metric.
-        at_points: What it is at the case's points.
         problem: The case's.
-        candidate: At the case's points.
-        own: Its mesh, and what it answered there.
-        reference: At the case's points.
-        is_alone: The own mesh alone answers; else the value is the worst of both meshes.
+        own: The own mesh with the case's materials.
+        displacement: Of the answer on it [m].
+        candidate: The answer at the case's points.
+        reference: There too.
     """
-    error, doubt = measure(_pair(problem, candidate, own, reference))
-    scale = at_points.scale
-    if scale == 0.0:
-        # A reference that does not move is read as it is, and any error is too much.
-        value = max(at_points.value, 0.0 if error == 0.0 else math.inf)
-        return dataclasses.replace(at_points, value=value)
-    low, high = max(error - doubt, 0.0) / scale, (error + doubt) / scale
-    if not is_alone:
-        low, high = max(low, at_points.value), max(high, at_points.value)
-    value, uncertainty = _middle(low, high)
-    return dataclasses.replace(at_points, value=value, uncertainty=uncertainty)
+    mesh, strain = own.mesh, candidate.strain
+    spread = _spread(problem.mesh, mesh)
+    force = body_of(own, strain, candidate.element).internal(displacement)
+    is_held = fixed_components(problem)[0] > 0
+    # Loads near a support, and pressure, may be put in the wrong place.
+    loose = np.zeros(mesh.num_points)
+    # So may a weight: an answer of the case's mesh, sent on a finer one, is balanced on its own.
+    weight = np.zeros(mesh.num_points)
+    for load in problem.loads:
+        factor = factor_at_end(problem, load)
+        if isinstance(load, BodyForce):
+            body = factor * nodal_force(mesh, load)
+            force -= body
+            spread_body = spread(factor * nodal_force(problem.mesh, load))
+            weight += np.linalg.norm(body - spread_body, axis=1)
+            continue
+        at_points = factor * load_force(problem.mesh, load, candidate.displacement, strain)
+        loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
+        if isinstance(load, Pressure):
+            # As `support_reactions` has it: not subtracted where the body is held.
+            at_points = np.where(is_held, 0.0, at_points)
+        force -= spread(at_points)
+    time = None if problem.time is None else problem.time.end_time
+    for spring in problem.springs:
+        at_points = spring_force(problem.mesh, spring, candidate.displacement, time)
+        loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
+        force -= spread(at_points)
+    size = np.linalg.norm(force, axis=1)
+    moving = np.zeros_like(size) if problem.time is None else size
+    fractions = np.array([_held_fraction(problem, s.points, mesh) for s in problem.supports])
+    expected = body_of(problem, reference.strain, reference.element).support_reactions(
+        reference.displacement
+    )
+    errors, doubts = [0.0], [0.0]
+    for number, support in enumerate(problem.supports):
+        touched = _with_neighbours(mesh, fractions[number] > _ROUNDING)
+        between = touched & (fractions[number] < 1.0 - _ROUNDING)
+        onto = support.directions.T @ support.directions
+        found = onto @ force[touched].sum(axis=0)
+        shifted = min(weight[touched].sum(), size[between].sum())
+        doubts.append(float(loose[touched].sum() + moving[between].sum() + shifted))
+        # Between two supports a point's force may belong to either.
+        for other, rival in enumerate(problem.supports):
+            if other != number and np.any(np.abs(support.directions @ rival.directions.T) > 0.0):
+                theirs = _with_neighbours(mesh, fractions[other] > _ROUNDING)
+                doubts[-1] += float(size[between & theirs].sum())
+        errors.append(float(np.linalg.norm(found - expected[number])))
+    return float(np.max(errors)), float(np.max(doubts))
 
 
-def _middle(low: float, high: float) -> Measured:
-    """A range as its middle and its half width; an endless one stays so."""
-    if not math.isfinite(high):
-        return (low, math.inf) if math.isfinite(low) else (math.inf, 0.0)
-    return 0.5 * (low + high), 0.5 * (high - low)
+def _held_fraction(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
+    """How far each own point is a held one: 1 at held places, 0 where no corner is held."""
+    is_held = np.zeros((problem.mesh.num_points, 1))
+    is_held[points] = 1.0
+    return locate_points(problem.mesh, own).read(problem.mesh.cells, is_held)[:, 0]
 
 
-def _lengths(field: Points) -> Points:
-    length: Points = np.linalg.norm(field, axis=1)
-    return length
+def _with_neighbours(own: TetMesh, is_chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A support may reach one cell farther on a coarser mesh: facets are held whole."""
+    reached = is_chosen.copy()
+    reached[own.cells[is_chosen[own.cells].any(axis=1)]] = True
+    return reached
+
+
+def _spread(case: TetMesh, own: TetMesh) -> Callable[[Points], Points]:
+    location = locate(own.points, own.cells, case.points)
+    corners = own.cells[location.cells]
+
+    def spread(forces: Points) -> Points:
+        """Forces at the case's points, moved to the corners of the own cells that hold them."""
+        moved = np.zeros((own.num_points, forces.shape[1]))
+        np.add.at(moved, corners, location.weights[:, :, None] * forces[:, None])
+        return moved
+
+    return spread

@@ -37,10 +37,11 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.nodal_arrays import fixed_components
+from palpate.validation.metrics.audit import solve_scaled
 from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
+from palpate.validation.metrics.difference import measures_of
 from palpate.validation.metrics.numbers import Number
-from palpate.validation.metrics.pairs import measures_of
 from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
 
@@ -51,7 +52,6 @@ _ROUNDINGS_OF_A_STRAIN = 4.0
 _SAMPLES = 3
 # Relative, in the energy norm: a limit needs two digits.
 _SOLVED_TO = 1e-4
-_MOST_ITERATIONS = 5_000
 
 
 class SinglePrecision:
@@ -112,15 +112,20 @@ class SinglePrecision:
     def _fields(self) -> tuple[tuple[Points, Points], ...]:
         """Displacements [m] by which the body answers rounded strains, and the forces [N]."""
         problem, random = self._problem, np.random.default_rng(0)
-        free = 1.0 - fixed_components(problem)[0]
+        body, free = body_of(problem, Strain.LINEAR), 1.0 - fixed_components(problem)[0]
         found = []
         for _ in range(_SAMPLES):
             strain = random.uniform(-1.0, 1.0, (problem.mesh.num_cells, 3, 3))
             strain = 0.5 * (strain + strain.transpose(0, 2, 1))
-            force = body_of(problem, Strain.LINEAR).force_of_strain(
-                _ROUNDINGS_OF_A_STRAIN * UNIT_ROUNDING * strain
+            stress = body.stress(_ROUNDINGS_OF_A_STRAIN * UNIT_ROUNDING * strain)
+            force = body.force_of(stress)
+            moved = solve_scaled(
+                lambda u: body.internal(u) * free,
+                force * free,
+                body.stiffness_diagonal,
+                tolerance=_SOLVED_TO,
             )
-            found.append((_answer(problem, force * free, free), force))
+            found.append((moved, force))
         return tuple(found)
 
     def _answers(self, reference: State, relative: float) -> list[State]:
@@ -168,24 +173,3 @@ def rounding_of_motion(problem: Problem, reference: State) -> float:
         return 0.0
     frequency = math.sqrt(float((speed**2).mean()) / spread)
     return math.sqrt(steps) * UNIT_ROUNDING / (frequency * span.time_step)
-
-
-def _answer(problem: Problem, force: Points, free: Points) -> Points:
-    """The displacement [m] of a force [N] by the stiffness at rest, by conjugate gradients."""
-    body = body_of(problem, Strain.LINEAR)
-    diagonal = body.stiffness_diagonal
-    found, rest = np.zeros_like(force), force.copy()
-    scaled = rest / diagonal
-    along, size = scaled.copy(), float((rest * scaled).sum())
-    enough = _SOLVED_TO**2 * size
-    for _ in range(_MOST_ITERATIONS):
-        if size <= enough:
-            break
-        pushed = body.internal(along) * free
-        step = size / float((along * pushed).sum())
-        found += step * along
-        rest -= step * pushed
-        scaled = rest / diagonal
-        size, before = float((rest * scaled).sum()), size
-        along = scaled + size / before * along
-    return found

@@ -27,13 +27,14 @@ from palpate.meshes.arrays import Indices
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.metrics.finite_laws import (
+from palpate.validation.metrics.laws import (
     OgdenTerms,
     energy_density,
     finite_stress,
+    strain_of,
+    tensor_power,
+    transposed,
 )
-from palpate.validation.metrics.laws import strain_of, transposed
-from palpate.validation.metrics.matrix_powers import root
 
 Array = NDArray[np.float64]
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -125,7 +126,7 @@ class Smoothing:
 def _volume_measure(law: Law, F: Array) -> tuple[Array, Array]:
     """M by cell and dm/dF: J - 1 and cof F; of the corotational law tr U - 3 and R."""
     if law is Law.COROTATIONAL:
-        U = root(transposed(F) @ F)
+        U = tensor_power(transposed(F) @ F, 0.5)
         return np.trace(U, axis1=1, axis2=2) - 3.0, F @ np.linalg.inv(U)
     J = np.linalg.det(F)
     cofactor: Array = J[:, None, None] * transposed(np.linalg.inv(F))

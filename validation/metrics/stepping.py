@@ -19,7 +19,8 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
 from palpate.validation.exchange.nodal_arrays import fixed_components, lumped_mass, sliding_points
 from palpate.validation.metrics.body import Body, Mask
-from palpate.validation.metrics.laws import Array, Law
+from palpate.validation.metrics.laws import LawOfCells
+from palpate.validation.metrics.smoothing import Array
 
 # Displacements beyond so many body sizes are a blow-up.
 _FAR = 10.0
@@ -62,7 +63,7 @@ class Slip:
         with_amplitudes: Whether loads and supports follow their amplitudes.
     """
 
-    law: Law | None = None
+    law: LawOfCells | None = None
     lame: tuple[Array, Array] | None = None
     mass: Points | None = None
     inverse_mass: Array | None = None

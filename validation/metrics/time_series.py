@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.meshes.errors import InputError
-from palpate.validation.metrics.finite import are_measurable, largest
+from palpate.validation.metrics.difference import are_measurable, largest
 
 Array = NDArray[np.float64]
 # Less than this many periods do not tell frequency from damping.

@@ -34,13 +34,9 @@ from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.case import Case
 from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.case_references import are_the_cases, find_references
+from palpate.validation.metrics.audit import NotPositiveDefiniteError, solve_scaled
 from palpate.validation.metrics.body import Body, imbalance
-from palpate.validation.metrics.finite_laws import laws_instead_of_law
-from palpate.validation.metrics.laws import Law as Stress
-from palpate.validation.metrics.linear_solver import (
-    NotPositiveDefiniteError,
-    conjugate_gradients,
-)
+from palpate.validation.metrics.laws import LawOfCells, along, laws_instead_of_law
 from palpate.validation.peers.board_runs import Cache, key_of
 from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.motions import solve_motion_set
@@ -66,8 +62,6 @@ _WORK, _WORK_OF_A_LAW = 2e7, 2e6
 NOT_A_LAW = 1e-3
 # Another law must leave at most this part of what the stated one leaves, of forces and of distance.
 _EXPLAINS = 0.1
-# Of complex steps, which cost no digits; see `finite_laws`.
-_STEP = 1e-100
 _TOLERANCE = 1e-6
 _MOST_STEPS = 8
 
@@ -287,7 +281,7 @@ def followed_law(
     return None
 
 
-def _equilibrium(body: Body, displacement: Points, law: Stress) -> Points | None:
+def _equilibrium(body: Body, displacement: Points, law: LawOfCells) -> Points | None:
     """Of another law, by Newton's method from nearby; None where it does not get there."""
     u = displacement + body.to_supports(displacement)
     for _ in range(_MOST_STEPS):
@@ -297,13 +291,12 @@ def _equilibrium(body: Body, displacement: Points, law: Stress) -> Points | None
         H = body.gradient(u)
 
         def product(change: Points, H: Points = H) -> Points:
-            stepped = H + 1j * _STEP * body.gradient(change)
-            stress = np.imag(law(stepped, body.lmbda, body.mu)) / _STEP
+            stress = along(lambda at: law(at, body.lmbda, body.mu), H, body.gradient(change))
             return body.freed(body.force_of(stress))
 
         try:
             right = body.freed(external - internal)
-            u = u + conjugate_gradients(product, right, body.stiffness_diagonal, tolerance=1e-3)
+            u = u + solve_scaled(product, right, body.stiffness_diagonal, tolerance=1e-3)
         except (NotPositiveDefiniteError, ReferenceFailedError, np.linalg.LinAlgError):
             return None
     return None

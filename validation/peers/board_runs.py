@@ -29,7 +29,7 @@ from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
-from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.peers.registry import Peer
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.versions import version_of

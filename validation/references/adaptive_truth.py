@@ -16,7 +16,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
-from palpate.validation.metrics import COMPARISONS, Part, stress_integrals
+from palpate.validation.metrics import WHOLE_BODY_METRICS, Part, stress_integrals
 from palpate.validation.references.bars import NOISE, name_of_part
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.runs import state_of, stresses_of
@@ -31,7 +31,7 @@ ENERGY = "strain_energy"
 
 def whole_metrics(problem: Problem) -> tuple[str, ...]:
     """What has a bar of every body as a whole, and of the tools on it."""
-    return (*COMPARISONS, *(["tool_force"] if problem.tools else []))
+    return (*WHOLE_BODY_METRICS, *(["tool_force"] if problem.tools else []))
 
 
 @dataclass(frozen=True)

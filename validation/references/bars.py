@@ -32,7 +32,7 @@ import numpy as np
 from palpate.meshes.boundary_conditions import PointForce
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.case_folder import array_hash
-from palpate.validation.metrics import Part
+from palpate.validation.metrics import CATALOGUE, Part
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State
 
@@ -53,17 +53,6 @@ GEOMETRY = "geometry"
 _WORDS = {"discretisation": "mesh"}
 # Of the whole: a smaller part is not reported in a verdict.
 _WORTH_REPORTING = 0.01
-# What has a limit under forces on points all the same, under linear strain.
-_INTEGRALS = (
-    "displacement_l2",
-    "trajectory_l2",
-    "tool_force",
-    "stress_l2",
-    "traction_resultant",
-    "published_reaction",
-    "published_tool_force",
-    "published_stress",
-)
 # Of the largest nodal force: what supports a body that balances itself is left with the rounding.
 _NO_FORCE = 1e-6
 
@@ -196,7 +185,8 @@ def has_point_forces(problem: Problem, state: State | None = None) -> bool:
 
 def has_limit(metric: str, strain: Strain) -> bool:
     """Whether a metric tends to anything under forces on points."""
-    return strain is Strain.LINEAR and metric in _INTEGRALS
+    known = CATALOGUE.get(metric)
+    return strain is Strain.LINEAR and known is not None and known.has_limit_at_points
 
 
 def without_limits(

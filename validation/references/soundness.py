@@ -22,7 +22,7 @@ from palpate.validation.exchange.nodal_arrays import (
 )
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.body import body_of, dead_force
-from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.difference import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.metrics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars

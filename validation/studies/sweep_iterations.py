@@ -24,10 +24,7 @@ from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.metrics import measure
-from palpate.validation.metrics.numerical_damping import (
-    NumericalDamping,
-    measure_numerical_damping,
-)
+from palpate.validation.metrics.motion import NumericalDamping, measure_numerical_damping
 from palpate.validation.references.runs import solve_by_steps, solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave

@@ -18,9 +18,8 @@ from palpate.validation.case.load import CaseError
 from palpate.validation.diagnosis.diagnose import diagnose
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.metrics.audit import audit_on_own_mesh
-from palpate.validation.metrics.body import Body
-from palpate.validation.metrics.pairs import make_state
-from palpate.validation.metrics.springs import spring_force, stiffness_times
+from palpate.validation.metrics.body import Body, spring_force, spring_stiffness_times
+from palpate.validation.metrics.difference import make_state
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import look_at
 
@@ -99,7 +98,7 @@ def test_the_judge_has_the_same_force_by_its_own_quadrature(write_case: Write) -
     fast = patches.force(u, spring.path.end[None], np.ones(1))
     assert spring_force(mesh, spring, u) == pytest.approx(fast, abs=1e-13 * np.abs(fast).max())
     pushed = patches.multiply(u)
-    assert stiffness_times(mesh, problem.springs, u) == pytest.approx(pushed, abs=1e-12)
+    assert spring_stiffness_times(mesh, problem.springs, u) == pytest.approx(pushed, abs=1e-12)
 
 
 @pytest.mark.parametrize("element", list(Element))

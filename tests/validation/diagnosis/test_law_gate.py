@@ -22,7 +22,7 @@ from palpate.validation.diagnosis.law_simulators import (
     rotations,
     stress_of_forces,
 )
-from palpate.validation.metrics.finite_laws import finite_stress
+from palpate.validation.metrics.laws import finite_stress
 
 LAWS = pytest.mark.parametrize("law", list(Law))
 

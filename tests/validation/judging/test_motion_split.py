@@ -30,7 +30,7 @@ from palpate.validation.judging.error_budget import (
     motion_budgets,
 )
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.metrics.numerical_damping import measure_numerical_damping
+from palpate.validation.metrics.motion import measure_numerical_damping
 from palpate.validation.references.runs import solve_by_steps
 from palpate.validation.states import State, Trajectory, in_silence
 

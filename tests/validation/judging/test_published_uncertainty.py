@@ -12,7 +12,7 @@ from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics.pairs import make_state
+from palpate.validation.metrics.difference import make_state
 from palpate.validation.states import Verdict
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))

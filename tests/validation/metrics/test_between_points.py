@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.refinement import refine_uniformly
-from palpate.validation.metrics.between_points import read_between, recovered_gradients
+from palpate.validation.metrics.own_mesh import read_between, recovered_gradients
 
 Field = NDArray[np.float64]
 MESH = brick_box((6, 5, 4), (1.0, 1.0, 1.0), ragged=0.2)

@@ -16,7 +16,7 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, fields, make_state, measure
+from palpate.validation.metrics import CATALOGUE, inverted_cells, make_state, measure
 from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.states import State, Verdict
 
@@ -119,11 +119,11 @@ def test_local_volume_sees_what_total_volume_does_not() -> None:
 
 def test_inverted_cells_are_counted() -> None:
     u = np.zeros_like(MESH.points)
-    assert fields.inverted_cells(MESH, u) == 0
+    assert inverted_cells(MESH, u) == 0
     inner = np.setdiff1d(np.arange(MESH.num_points), MESH.boundary_facets)[0]
     around = int((MESH.cells == inner).any(axis=1).sum())
     u[inner] = [100.0, 0.0, 0.0]
-    count = fields.inverted_cells(MESH, u)
+    count = inverted_cells(MESH, u)
     assert 0 < count < around
     state = make_state(MESH, u, label="x", simulator="x", strain=Strain.GREEN)
     spec = CheckSpec(metric="inverted_cells", against="candidate", limit=0.0, reason="r")
@@ -131,7 +131,7 @@ def test_inverted_cells_are_counted() -> None:
     assert check.verdict is Verdict.FAILED
     assert check.unit == "cells"
     u[inner, 0] = math.nan
-    assert fields.inverted_cells(MESH, u) == around
+    assert inverted_cells(MESH, u) == around
 
 
 def test_every_metric_of_a_case_file_is_in_the_catalogue_and_says_what_it_means() -> None:

@@ -13,10 +13,9 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Strain
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis.law_simulators import example_material, following
-from palpate.validation.metrics.audit import audit_on_own_mesh
+from palpate.validation.metrics.audit import Tangent, audit_on_own_mesh
 from palpate.validation.metrics.body import Body
-from palpate.validation.metrics.finite_laws import energy_density, finite_stress, stress_change
-from palpate.validation.metrics.tangent import Tangent
+from palpate.validation.metrics.laws import energy_density, finite_stress, stress_change
 
 LAWS = pytest.mark.parametrize("law", list(Law))
 ELEMENTS = pytest.mark.parametrize("element", list(Element))

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.rigid_tool import rotation_matrix
-from palpate.validation.metrics.linear_validity import (
+from palpate.validation.metrics.validity import (
     BORDERS,
     cell_rotations,
     describe_rotation,

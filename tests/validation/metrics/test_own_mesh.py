@@ -22,17 +22,19 @@ from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, make_state, measure, own_mesh
+from palpate.validation.metrics import CATALOGUE, comparison, make_state, measure
 from palpate.validation.metrics.body import body_of
-from palpate.validation.metrics.own_reactions import own_reactions
-from palpate.validation.metrics.pairs import Difference
+from palpate.validation.metrics.difference import Difference
+from palpate.validation.metrics.own_mesh import own_reactions
 from palpate.validation.states import OwnMesh, State, Trajectory, Verdict
 
 Field = NDArray[np.float64]
 # What does not depend on a mesh: the force on a tool, and how one point of the case swings.
 AT_POINTS = {"tool_force", *(name for name in CATALOGUE if name.startswith("oscillation_"))}
 IN_SPACE = sorted(
-    metric.name for metric in CATALOGUE.values() if metric.on_own_mesh and not metric.needs_time
+    metric.name
+    for metric in CATALOGUE.values()
+    if metric.error and not metric.needs_time and metric.name not in AT_POINTS
 )
 # What garbage within the body cannot change: the surface and what it encloses.
 OF_SURFACE = {"volume", "surface_area", "surface_hausdorff", "surface_mean_distance"}
@@ -92,9 +94,8 @@ def judged(metric: str, candidate: State, limit: float, reference: State = REFER
 
 
 def test_every_comparison_is_made_on_the_own_mesh_or_depends_on_none() -> None:
-    for metric in CATALOGUE.values():
-        is_there = metric.on_own_mesh is not None
-        assert is_there == (metric.compare is not None and metric.name not in AT_POINTS)
+    at_points = {metric.name for metric in CATALOGUE.values() if metric.compare}
+    assert at_points == AT_POINTS - {"tool_force"}
 
 
 # Not of a support's force: on the finer mesh the reference is no longer in balance.
@@ -323,10 +324,11 @@ def test_the_largest_displacement_of_the_reference_is_known_within_the_doubt_of_
     pair: Any = SimpleNamespace(
         read=SimpleNamespace(value=three, doubt=np.array([0.5])),
         displacement=three,
+        is_own=True,
         candidate=SimpleNamespace(displacement=three),
         reference=SimpleNamespace(max_displacement=2.0),
     )
-    assert own_mesh.max_displacement(pair) == (0.0, 0.5)
+    assert comparison.max_displacement(pair) == (0.0, 0.5)
     pair.reference = SimpleNamespace(max_displacement=3.2)
-    error, doubt = own_mesh.max_displacement(pair)
+    error, doubt = comparison.max_displacement(pair)
     assert (error, doubt) == (pytest.approx(0.35), pytest.approx(0.15))

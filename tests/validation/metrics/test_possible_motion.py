@@ -16,8 +16,8 @@ from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Suppor
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.validation.exchange.time_reading import read_at
-from palpate.validation.metrics import make_state, possible_motion
-from palpate.validation.metrics.possible_motion import (
+from palpate.validation.metrics import make_state, validity
+from palpate.validation.metrics.validity import (
     largest_acceleration,
     state_out_of_reach,
     unmeasurable_state,
@@ -154,23 +154,23 @@ def test_a_pressure_that_follows_has_room_and_one_that_does_not_has_none() -> No
     bounds = [
         largest_acceleration(problem, strain, rest) for strain in (Strain.GREEN, Strain.LINEAR)
     ]
-    assert bounds[0] == pytest.approx(possible_motion._FOLLOWING * bounds[1], rel=1e-12)
+    assert bounds[0] == pytest.approx(validity._FOLLOWING * bounds[1], rel=1e-12)
     assert bounds[1] > 0.0
 
 
 def test_a_state_is_looked_at_with_the_next_ones_and_with_those_far_enough() -> None:
-    found = list(possible_motion._neighbours(np.linspace(0.0, 1.0, 11), 0.25))
+    found = list(validity._neighbours(np.linspace(0.0, 1.0, 11), 0.25))
     assert [pair for pair in found if pair[1] == 5] == [(4, 5, 6), (2, 5, 8)]
     assert [pair for pair in found if pair[1] == 1] == [(0, 1, 2)]
-    near = list(possible_motion._neighbours(np.linspace(0.0, 1.0, 11), 0.1))
+    near = list(validity._neighbours(np.linspace(0.0, 1.0, 11), 0.1))
     assert near == [(k - 1, k, k + 1) for k in range(1, 10)]
 
 
 def test_a_load_that_ramps_up_starts_from_nothing() -> None:
     ramp = TabularAmplitude((0.0, 0.1), (0.0, 1.0))
-    assert possible_motion._variation(Traction(TIP, (0.0, 1.0, 0.0), ramp), 0.5) == (0.0, 1.0)
-    assert possible_motion._variation(Traction(TIP, (0.0, 1.0, 0.0), PULSE), 0.5) == (0.0, 2.0)
-    assert possible_motion._variation(Traction(TIP, (0.0, 1.0, 0.0)), 0.5) == (1.0, 0.0)
+    assert validity._variation(Traction(TIP, (0.0, 1.0, 0.0), ramp), 0.5) == (0.0, 1.0)
+    assert validity._variation(Traction(TIP, (0.0, 1.0, 0.0), PULSE), 0.5) == (0.0, 2.0)
+    assert validity._variation(Traction(TIP, (0.0, 1.0, 0.0)), 0.5) == (1.0, 0.0)
 
 
 def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:

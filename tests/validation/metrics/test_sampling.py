@@ -17,8 +17,12 @@ from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.metrics.motion import OSCILLATION, swinging_most
-from palpate.validation.metrics.sampling import content_frequency, may_be_alias
+from palpate.validation.metrics.motion import (
+    OSCILLATION,
+    content_frequency,
+    may_be_alias,
+    swinging_most,
+)
 from palpate.validation.metrics.time_series import fit_oscillation
 from palpate.validation.states import State, Trajectory, Verdict
 

@@ -8,8 +8,9 @@ import pytest
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.shapes import shape_sphere
+from palpate.validation.exchange.point_location import nearest_on_surface
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.metrics.surfaces import distances_to_surface, surface_distances
+from palpate.validation.metrics.comparison import surface_distances
 
 CORNER = np.vstack([np.zeros(3), np.eye(3)])
 TRIANGLE = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], dtype=np.int32))
@@ -26,7 +27,7 @@ TRIANGLE = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]],
     ],
 )
 def test_distance_to_one_triangle(place: list[float], distance: float) -> None:
-    found = distances_to_surface(np.array([place]), *TRIANGLE)
+    found = nearest_on_surface(np.array([place]), *TRIANGLE).distances
     assert found[0] == pytest.approx(distance, abs=1e-12)
 
 
@@ -45,8 +46,10 @@ def test_the_search_finds_what_brute_force_finds() -> None:
     sphere = shape_sphere(1.0, edge_length=0.4)
     points = sphere.points + 5.0
     places = rng.uniform(3.5, 6.5, (300, 3))
-    found = distances_to_surface(places, points, sphere.facets)
-    one_by_one = [distances_to_surface(places, points, facet[None]) for facet in sphere.facets]
+    found = nearest_on_surface(places, points, sphere.facets).distances
+    one_by_one = [
+        nearest_on_surface(places, points, facet[None]).distances for facet in sphere.facets
+    ]
     np.testing.assert_allclose(found, np.min(one_by_one, axis=0), rtol=1e-12)
 
 

@@ -19,7 +19,7 @@ from palpate.validation.case import CaseError, load_case
 from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.metrics import WHOLE_BODY_METRICS, make_state
 from palpate.validation.references import geometry, true_bodies
 from palpate.validation.references.bars import BarParts
 from palpate.validation.references.geometry import geometry_notes, shape_of, with_geometry
@@ -56,7 +56,7 @@ reason = "what a hand feels"
 RADIUS, HEIGHT = 1.0, 6.0
 CYLINDER = f'shape = "cylinder"\nradius = {RADIUS}\nheight = {HEIGHT}\nedge_length = 1.1'
 SPHERE = 'shape = "sphere"\nradius = 1.0\nedge_length = 0.6'
-PLACES = {(metric, Strain.LINEAR): 0.01 for metric in COMPARISONS}
+PLACES = {(metric, Strain.LINEAR): 0.01 for metric in WHOLE_BODY_METRICS}
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def geometry_of(case, **words):
     found = with_geometry(
         case, references_of(case.problem), lambda _line: None, strains=[Strain.LINEAR], **words
     )
-    return found, {m: found.bar_parts(m, Strain.LINEAR).geometry for m in COMPARISONS}
+    return found, {m: found.bar_parts(m, Strain.LINEAR).geometry for m in WHOLE_BODY_METRICS}
 
 
 @pytest.mark.dolfinx

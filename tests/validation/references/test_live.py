@@ -16,7 +16,7 @@ from palpate.reference.adaptivity.error_bars import error_bar_of_two
 from palpate.reference.adaptivity.goals import Budget
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
-from palpate.validation.metrics import COMPARISONS, make_state, measure
+from palpate.validation.metrics import WHOLE_BODY_METRICS, make_state, measure
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.references import statics
 from palpate.validation.references.adaptive_truth import TruthRequest
@@ -49,7 +49,7 @@ def test_p1_more_than_half_away_tells_nothing(block: Problem) -> None:
             (QUADRATIC, Strain.LINEAR): state(block, 0.01),
         }
         found = estimate_bars(block, states)
-        assert set(found) == {(metric, Strain.LINEAR) for metric in COMPARISONS}
+        assert set(found) == {(metric, Strain.LINEAR) for metric in WHOLE_BODY_METRICS}
         return {metric: bar for (metric, _), bar in found.items()}
 
     assert bars(0.006)["displacement_l2"] == pytest.approx(0.4)
@@ -83,7 +83,7 @@ def test_two_meshes_have_a_wider_bar_than_three() -> None:
 
 def result(problem: Problem, meshes: int, ended: str = "", bars: float = 0.002) -> AdaptiveResult:
     """Of so many meshes, each half as far from the next."""
-    names = tuple(COMPARISONS)
+    names = tuple(WHOLE_BODY_METRICS)
     shape = (meshes, len(names))
     halving = 0.1 * 0.5 ** np.arange(meshes)[:, None] * np.ones(shape)
     return AdaptiveResult(
@@ -125,7 +125,7 @@ def pulled_at_a_point(problem: Problem) -> Problem:
 
 def test_forces_on_points_leave_bars_of_integrals_alone(block: Problem) -> None:
     pulled = pulled_at_a_point(block)
-    bars = dict.fromkeys(COMPARISONS, 0.01)
+    bars = dict.fromkeys(WHOLE_BODY_METRICS, 0.01)
     assert without_limits(block, Strain.GREEN, bars) == bars
     assert set(without_limits(pulled, Strain.GREEN, bars).values()) == {math.inf}
     linear = without_limits(pulled, Strain.LINEAR, bars)

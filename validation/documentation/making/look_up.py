@@ -10,7 +10,7 @@ from making.tables import table
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.faults import Fault
 from palpate.validation.metrics import CATALOGUE
-from palpate.validation.metrics.metric import Metric
+from palpate.validation.metrics.catalogue import Metric
 from palpate.validation.peers.bench import MODULES
 from palpate.validation.studies import STUDIES, load_study
 

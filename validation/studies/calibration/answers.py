@@ -15,7 +15,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics.pairs import make_state, measures_of
+from palpate.validation.metrics.difference import make_state, measures_of
 from palpate.validation.states import State, Trajectory
 
 # u at places, shape (n, 3) for (n, 3).

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError
-from palpate.validation.metrics import COMPARISONS, measure
+from palpate.validation.metrics import WHOLE_BODY_METRICS, measure
 from palpate.validation.references.adaptive_truth import TruthRequest, solve_truth
 from palpate.validation.references.motions import solve_motion_set, truth_metrics
 from palpate.validation.references.reference_set import ReferenceSet
@@ -179,7 +179,7 @@ def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State
     if problem.time is None:
         request = _request(strain)
         state, bars, _ = solve_truth(problem, strain, request, progress)
-        return state, {metric: bars[metric] for metric in COMPARISONS}
+        return state, {metric: bars[metric] for metric in WHOLE_BODY_METRICS}
     found = solve_motion_set(
         problem, progress, wanted=("truth",), is_for_storing=True, truth_strains=(strain,)
     )
@@ -199,7 +199,7 @@ def _live(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, 
 
 
 def _request(strain: Strain) -> TruthRequest:
-    metrics = {strain: tuple(COMPARISONS)}
+    metrics = {strain: tuple(WHOLE_BODY_METRICS)}
     return TruthRequest(_BAR, _SECONDS, metrics=metrics, unknowns=_UNKNOWNS)
 
 
@@ -207,5 +207,5 @@ def _of(found: ReferenceSet, problem: Problem, strain: Strain) -> tuple[State, d
     truth = found.truth(strain)
     if truth is None:
         raise ReferenceFailedError(found.failure("truth", strain) or "no truth")
-    names = tuple(COMPARISONS) if problem.time is None else truth_metrics(problem)
+    names = tuple(WHOLE_BODY_METRICS) if problem.time is None else truth_metrics(problem)
     return truth, {name: found.bars.get((name, strain), math.inf) for name in names}

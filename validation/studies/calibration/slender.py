@@ -17,7 +17,7 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, Traction
 from palpate.meshes.bricks import held, side
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics import WHOLE_BODY_METRICS
 from palpate.validation.studies.calibration.answers import Answer, told
 from palpate.validation.studies.calibration.shapes import BAR_THICKNESS, shape_mesh
 
@@ -71,7 +71,7 @@ def kept_answer(name: str, problem: Problem, strain: Strain) -> Answer | None:
     displacement, numbers = values[name].astype(np.float64), values[f"{name}/numbers"]
     if displacement.shape != problem.mesh.points.shape:
         raise ValueError(f"{name}: the kept answer has {len(displacement)} points; find it again")
-    doubts = dict(zip(COMPARISONS, numbers[2:], strict=True))
+    doubts = dict(zip(WHOLE_BODY_METRICS, numbers[2:], strict=True))
     return told(problem.mesh, displacement, (numbers[0], numbers[1]), strain, doubts)
 
 
@@ -81,7 +81,7 @@ def find_answer(name: str, problem: Problem, strain: Strain) -> None:
     from palpate.reference.result import AdaptiveResult, formulation_for
     from palpate.reference.tasks import AdaptiveTask
 
-    goals = tuple((metric, _TOLERANCE) for metric in COMPARISONS)
+    goals = tuple((metric, _TOLERANCE) for metric in WHOLE_BODY_METRICS)
     formulation = formulation_for(problem, 3)
     task = AdaptiveTask(goals, _SECONDS, 5.0, strain, 3, formulation, _UNKNOWNS)
     found = run_task(task, problem, time_limit=4.0 * _SECONDS)

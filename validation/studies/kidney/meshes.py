@@ -18,8 +18,8 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import Case
+from palpate.validation.metrics.difference import make_state
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
-from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Progress, State
 

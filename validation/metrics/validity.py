@@ -1,6 +1,12 @@
-"""Whether a body can have got from state to state: garbage between the outputs is seen by itself.
+"""What a state says of itself, without a reference: its cells, its rotation, its way in time.
 
-Nothing is compared here. Between two states a body leaves the straight line by no more than its
+Rotation is what breaks linear strain. Bent bars from four times as long as thick on are off by one
+curve over the rotation of their tip, whatever their length and Poisson's ratio: in displacement by
+1 % at 1.5 degrees, 5 % at 7.4 and 10 % at 14.4 (`palpate study validity`). Of another body's
+largest rotation that is a guide, no bound: only the audit by Green strain measures its error.
+
+Whether a body can have got from state to state shows garbage between the outputs. Between two
+states a body leaves the straight line by no more than its
 acceleration lets it: |u(t) - line| <= a h1 h2 / 2, h1 and h2 the times to the two. From rest under
 loads F that stay, sqrt(a.M a) <= sqrt(F.M^-1 F) at all times: differentiate the equation of motion,
 and its energy (a.M a + v.K v) / 2 only falls, from the value of the start. Loads that change add
@@ -16,21 +22,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import fixed_components, lumped_mass
-from palpate.validation.metrics.body import body_of, load_force
-from palpate.validation.metrics.finite import are_measurable
-from palpate.validation.metrics.sampling import content_frequency
-from palpate.validation.metrics.springs import stiffness_times
+from palpate.validation.metrics.body import (
+    body_of,
+    load_force,
+    shape_gradients,
+    spring_stiffness_times,
+)
+from palpate.validation.metrics.difference import are_measurable, measurable_rows, smallest
+from palpate.validation.metrics.laws import rotation_of
+from palpate.validation.metrics.motion import content_frequency
 from palpate.validation.states import State, Trajectory
 
+# Error of displacement [-], and the rotation at which a bent bar has it [degrees].
+BORDERS = {0.01: 1.5, 0.05: 7.4, 0.10: 14.4}
+# Cells turned more than all the others: so much of the volume is let go, for corners and edges.
+_LEFT_OUT = 0.01
 # A pressure follows: it may turn round and its area may grow.
 _FOLLOWING = 2.0
 # Outputs see means of the acceleration over two of their steps.
@@ -42,6 +59,102 @@ _OUTPUTS_PER_PERIOD = 4
 # one that was taken from positions.
 _ROUNDING = 1e-5
 _ROUNDING_OF_PLACES = 1e-6
+
+
+def det_f(mesh: TetMesh, displacement: Points) -> Points:
+    """Volume ratio of each cell [-], (num_cells,); NaN where a corner cannot be measured."""
+    rest = signed_volumes(mesh.points, mesh.cells)
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved: Points = signed_volumes(mesh.points + displacement, mesh.cells) / rest
+    moved[~measurable_rows(displacement)[mesh.cells].all(axis=1)] = math.nan
+    return moved
+
+
+@dataclass(frozen=True)
+class Worst:
+    """A count or a ratio of the worst of all states that were given, and its time [s]."""
+
+    value: float
+    time: float | None = None
+
+    @property
+    def when(self) -> str:
+        """Where in time, for people; "" in statics."""
+        return "" if self.time is None else f" at {self.time:.4g} s"
+
+
+def shapes(mesh: TetMesh, state: State) -> Iterator[tuple[float | None, TetMesh, Points]]:
+    """Every state that was given, not the compared ones alone: its time, mesh and displacement.
+
+    On the mesh it was given on: the candidate's own, or else the case's.
+    """
+    motion = state.given
+    own = state.own
+    where = mesh if own is None else own.mesh
+    if motion is None:
+        yield None, where, state.displacement if own is None else own.displacements[-1]
+        return
+    displacements = motion.displacements if own is None else own.displacements
+    for time, displacement in zip(motion.times, displacements, strict=True):
+        yield float(time), where, displacement
+
+
+def inverted_cells(mesh: TetMesh, displacement: Points) -> int:
+    """Cells whose det F is not above 0, or no number."""
+    return int((~(det_f(mesh, displacement) > 0.0)).sum())
+
+
+def most_inverted(mesh: TetMesh, state: State) -> Worst:
+    """Most cells turned inside out in any state that was given."""
+    most = max(
+        (Worst(inverted_cells(where, u), time) for time, where, u in shapes(mesh, state)),
+        key=lambda worst: worst.value,
+    )
+    return most if most.value else Worst(0)
+
+
+def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
+    """Smallest volume ratio of a cell in any state; minus infinity where one is no number."""
+    return min(
+        (Worst(smallest(det_f(where, u)), time) for time, where, u in shapes(mesh, state)),
+        key=lambda worst: worst.value,
+    )
+
+
+def cell_rotations(mesh: TetMesh, displacement: Points) -> Floats:
+    """Angle by which each cell is turned [rad], 0 to pi, shape (num_cells,).
+
+    Of the rotation nearest to its deformation gradient (Higham 1989).
+
+    Args:
+        mesh: At rest.
+        displacement: [m], shape (num_points, 3).
+    """
+    corners = displacement[mesh.cells].transpose(0, 2, 1)
+    rotations = rotation_of(np.eye(3) + corners @ shape_gradients(mesh))
+    cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
+    angles: Floats = np.arccos(np.clip(cosines, -1.0, 1.0))
+    return angles
+
+
+def largest_rotation(mesh: TetMesh, displacement: Points) -> float:
+    """Angle that all but 1 % of the volume are turned by at most [rad]."""
+    angles = cell_rotations(mesh, displacement)
+    order = np.argsort(angles)
+    volume = np.cumsum(mesh.cell_volumes[order])
+    k = int(np.searchsorted(volume, (1.0 - _LEFT_OUT) * volume[-1]))
+    return float(angles[order][min(k, len(order) - 1)])
+
+
+def describe_rotation(mesh: TetMesh, displacement: Points) -> str:
+    """One line: how far the body is turned, and which border of the validity map it leaves."""
+    degrees = math.degrees(largest_rotation(mesh, displacement))
+    left = [error for error, border in BORDERS.items() if degrees > border]
+    share = f"{1.0 - _LEFT_OUT:.0%} of the volume turned by at most {degrees:.2f} degrees"
+    if not left:
+        return f"{share}: within the {min(BORDERS):.0%} border of bent bars"
+    border = f"{max(left):.0%} border of bent bars ({BORDERS[max(left)]:g} degrees)"
+    return f"{share}: beyond the {border}; see palpate study validity"
 
 
 def unmeasurable_state(state: State) -> str:
@@ -153,7 +266,7 @@ def largest_acceleration(
         for axis, component in enumerate(spring.path.components()):
             way = np.zeros_like(problem.mesh.points)
             way[:, axis] = 1.0
-            force = stiffness_times(problem.mesh, [spring], way)
+            force = spring_stiffness_times(problem.mesh, [spring], way)
             first, varied = _varied(component, end)
             by_loads += varied * _over_mass(force, mass, is_free)
             start += first * force
@@ -175,7 +288,7 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     assert problem.time is not None
     speed = np.where(fixed_components(problem)[0] > 0, 0.0, velocity)
     rate = body_of(problem, Strain.LINEAR).internal(speed)
-    rate = rate + stiffness_times(problem.mesh, problem.springs, speed)
+    rate = rate + spring_stiffness_times(problem.mesh, problem.springs, speed)
     stretched = float(np.sum(speed * rate))
     kinetic = float(np.sum(lumped_mass(problem)[:, None] * speed**2))
     # A turn strains a body whose points go straight: its accelerations are omega^2 r at most.

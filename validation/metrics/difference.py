@@ -1,8 +1,12 @@
-"""How far apart two solutions are: each metric with its scale, and never a comparison with NaN."""
+"""Relative errors that never hold NaN, and states with their measures.
+
+Python's max, min and comparisons pass a NaN over: nothing here does.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, TypedDict
 
@@ -10,12 +14,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.field_norms import SMALLEST_CHANGE, l2_norm, size_of_change
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import facet_areas
-from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
+
+# Displacements [m] beyond this have no volume that a number can hold.
+_LARGEST = 1e100
+# Of the body's size.
+_ROUNDING = float(np.finfo(np.float64).eps)
+
+
+def largest(values: Iterable[float]) -> float:
+    """The largest; infinity where one is NaN, 0 of none."""
+    found = np.fromiter(values, dtype=np.float64)
+    if not found.size:
+        return 0.0
+    return math.inf if np.isnan(found).any() else float(found.max())
+
+
+def smallest(values: Iterable[float]) -> float:
+    """The smallest; minus infinity where one is NaN, 0 of none."""
+    return -largest(-float(value) for value in values)
+
+
+def are_measurable(*arrays: NDArray[Any]) -> bool:
+    """Whether all numbers are finite, and small enough to be squared and multiplied."""
+    return all(bool((np.abs(array) < _LARGEST).all()) for array in arrays)
+
+
+def measurable_rows(array: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which rows hold such numbers alone, (num_rows,)."""
+    rows: NDArray[np.bool_] = (np.abs(array) < _LARGEST).all(axis=1)
+    return rows
+
+
+def is_still(mesh: TetMesh, state: State) -> bool:
+    """Whether a state moves nowhere, at no time, by more than the rounding of the body's places."""
+    size = float(np.ptp(mesh.points, axis=0).max())
+    return all(bool((np.abs(u) <= _ROUNDING * size).all()) for u in state.fields)
 
 
 @dataclass(frozen=True)
@@ -44,55 +81,6 @@ class Difference:
             object.__setattr__(self, "value", math.inf)
         if not self.uncertainty >= 0.0:
             object.__setattr__(self, "uncertainty", math.inf)
-
-
-def displacement_l2(mesh: TetMesh, candidate: State, reference: State) -> Difference:
-    """Relative L2 error of displacement, weighted by volume."""
-    scale = l2_norm(mesh, reference.displacement)
-    error = l2_norm(mesh, candidate.displacement - reference.displacement)
-    return ratio(error, scale, "L2 norm of the reference's displacement")
-
-
-def displacement_max(mesh: TetMesh, candidate: State, reference: State) -> Difference:
-    """Largest error of a point over the largest displacement of the reference."""
-    del mesh
-    error = float(np.linalg.norm(candidate.displacement - reference.displacement, axis=1).max())
-    return ratio(error, reference.max_displacement, "the reference's largest displacement")
-
-
-def max_displacement(mesh: TetMesh, candidate: State, reference: State) -> Difference:
-    """Error of the largest displacement, over the reference's."""
-    del mesh
-    error = abs(candidate.max_displacement - reference.max_displacement)
-    return ratio(error, reference.max_displacement, "the reference's largest displacement")
-
-
-def volume(mesh: TetMesh, candidate: State, reference: State) -> Difference:
-    """Error of the deformed volume over the reference's change of volume.
-
-    One per cent of the rest volume would pass almost anything.
-    """
-    scale = size_of_change(reference.volume, mesh.volume)
-    is_small = scale == SMALLEST_CHANGE * mesh.volume
-    name = "0.1 % of the rest volume" if is_small else "the reference's change of volume"
-    return ratio(abs(candidate.volume - reference.volume), scale, name)
-
-
-def surface_area(mesh: TetMesh, candidate: State, reference: State) -> Difference:
-    """Error of the deformed area over the reference's change of area."""
-    scale = size_of_change(reference.surface_area, mesh.surface_area)
-    is_small = scale == SMALLEST_CHANGE * mesh.surface_area
-    name = "0.1 % of the rest area" if is_small else "the reference's change of area"
-    return ratio(abs(candidate.surface_area - reference.surface_area), scale, name)
-
-
-COMPARISONS = {
-    "displacement_l2": displacement_l2,
-    "displacement_max": displacement_max,
-    "max_displacement": max_displacement,
-    "volume": volume,
-    "surface_area": surface_area,
-}
 
 
 def ratio(error: float, scale: float, name: str) -> Difference:
