@@ -429,7 +429,7 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
     H = body.gradient(answer.displacement)
     E = strain_of(H, body.strain)
     none = np.zeros(body.mesh.num_cells)
-    # Poisson's relative_to 0 has no lmbda to multiply: then in parts of mu.
+    # Poisson's ratio 0 has no lmbda to multiply: then in parts of mu.
     base = body.lmbda if body.lmbda.all() else body.mu
     if body.is_linear_in_strain:
         volume_part = body.force_of(push_forward(H, hooke(E, base, none), body.strain))
@@ -442,7 +442,7 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
     if has_forces:
         found = fit([volume_part, shape_part], answer.external, body.free)
     else:
-        # Without forces only the relative_to of the two can be told.
+        # Without forces only the ratio of the two can be told.
         found = fit([volume_part], -shape_part, body.free)
         found = None if found is None else np.array([found[0], 1.0])
     if found is None:
@@ -492,11 +492,11 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
     if lmbda + mu == 0.0:
         return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
     E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)
-    relative_to = f"Poisson's relative_to {nu:.6g} in the place of {nu0:.6g}"
+    ratio = f"Poisson's ratio {nu:.6g} in the place of {nu0:.6g}"
     if abs(E / E0 - 1.0) <= _SAME:
-        return relative_to, 2
+        return ratio, 2
     factor = snapped(E / E0)
-    return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {relative_to}", 3
+    return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {ratio}", 3
 
 
 def anisotropy_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
