@@ -350,7 +350,7 @@ def _gradient(solved: Solved, key: Key) -> Floats:
     if quantity.is_norm:
         # Half the square of a norm stands for the norm.
         scale = fenicsx.assemble_scalar(fenicsx.form(functional))
-        functional *= 0.5
+        functional = 0.5 * functional
     else:
         scale = scale_of(quantity, solved.case_mesh, part, solved.state)
     along = ufl.TestFunction(discrete.unknown.function_space)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shutil
 import subprocess
@@ -10,40 +9,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
+from bank import make_box
 
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-
-FACES = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1), "z0": (2, 0), "z1": (2, 1)}
-
-
-def make_box(counts=(2, 2, 2), size=(1.0, 1.0, 1.0), jitter=0.0) -> TetMesh:
-    """Six tetrahedra per brick; inside points moved by `jitter` of a brick, at random."""
-    counts = np.asarray(counts)
-    axes = [np.linspace(0.0, s, n + 1) for s, n in zip(size, counts, strict=True)]
-    points = np.array(list(itertools.product(*axes)))
-    strides = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
-    cells = []
-    for corner in itertools.product(*map(range, counts)):
-        for order in itertools.permutations(range(3)):
-            walk = [np.array(corner)]
-            for axis in order:
-                walk.append(walk[-1] + np.eye(3, dtype=int)[axis])
-            cells.append([int(strides @ w) for w in walk])
-    cells = np.array(cells)
-    turned = signed_volumes(points, cells) < 0.0
-    cells[turned] = cells[turned][:, [0, 2, 1, 3]]
-    inside = np.all((points > 0.0) & (points < np.asarray(size)), axis=1)
-    shift = np.random.default_rng(7).uniform(-jitter, jitter, (int(inside.sum()), 3))
-    points[inside] += shift * np.asarray(size) / counts
-    bare = TetMesh(points, cells)
-    facets = bare.boundary_facets
-    groups = {
-        name: facets[np.all(points[facets][:, :, axis] == end * size[axis], axis=1)]
-        for name, (axis, end) in FACES.items()
-    }
-    return TetMesh(points, cells, facet_groups=groups)
+from palpate.meshes.tet_mesh import TetMesh
 
 
 @pytest.fixture

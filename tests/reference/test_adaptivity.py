@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from bank import rollers, support
 
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
@@ -36,12 +37,11 @@ MATERIAL = Material(3000.0, 0.3, 1000.0)
 
 def clamped(mesh, material=MATERIAL, loads=None, inclusions=()):
     """Held at x = 0: strains grow without end at the four edges there."""
-    held = mesh.facet_groups["x0"]
     pull = Traction(mesh.facet_groups["x1"], (60.0, 0.0, -40.0))
     return Problem(
         mesh,
         material,
-        (Support(np.unique(held), held),),
+        (support(mesh, "x0"),),
         (pull,) if loads is None else loads,
         inclusions=inclusions,
     )
@@ -190,14 +190,6 @@ def pressed(mesh, shape, depth, held):
     return Problem(mesh, MATERIAL, held, (), tools=(tool,))
 
 
-def rollers(mesh):
-    axes = np.eye(3, dtype=bool)
-    return tuple(
-        Support(np.unique(mesh.facet_groups[f]), mesh.facet_groups[f], tuple(axes[k].tolist()))
-        for k, f in enumerate(("x0", "y0", "z0"))
-    )
-
-
 @pytest.mark.dolfinx
 def test_the_force_on_a_plate_that_presses_evenly_is_known_at_once(box):
     mesh = box((2, 1, 1), jitter=0.2)
@@ -214,8 +206,7 @@ def test_the_force_on_a_plate_that_presses_evenly_is_known_at_once(box):
 @pytest.mark.parametrize(("strain", "bar"), [(Strain.LINEAR, 0.05), (Strain.GREEN, 0.12)])
 def test_the_bar_of_a_tool_s_force_holds_against_a_much_finer_truth(box, strain, bar):
     mesh = box((4, 4, 2), (2.0, 2.0, 1.0))
-    bottom = mesh.facet_groups["z0"]
-    held = (Support(np.unique(bottom), bottom),)
+    held = (support(mesh, "z0"),)
     problem = pressed(mesh, SphereShape(1.0), 0.1, held)
 
     def solve(bar):
@@ -265,11 +256,10 @@ def test_bars_of_stress_in_a_part_hold_against_a_much_finer_truth(box, strain):
 def test_forces_through_a_support_and_a_cut_have_bars_of_their_own(box):
     problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)))
     # Held at both ends, balance does not tell how the supports share the weight.
-    far = problem.mesh.facet_groups["x1"]
     lopsided = Pressure(problem.mesh.facet_groups["z1"], 40.0)
     both = dataclasses.replace(
         problem,
-        supports=(*problem.supports, Support(np.unique(far), far)),
+        supports=(*problem.supports, support(problem.mesh, "x1")),
         inclusions=(Inclusion(np.arange(4, dtype=np.int32), Material(9000.0, 0.2)),),
         loads=(lopsided,),
     )

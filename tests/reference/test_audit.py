@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import fixed
 
-from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
@@ -27,7 +28,7 @@ def problem() -> Problem:
     return Problem(
         mesh,
         Material(1e4, 0.3),
-        (Support(np.unique(held), held),),
+        (fixed(held),),
         (Traction(pulled, (300.0, -60.0, 40.0)), BodyForce((0.0, 0.0, -50.0))),
     )
 
@@ -124,7 +125,7 @@ def test_a_column_that_would_buckle_is_in_equilibrium_but_not_stable() -> None:
         column = Problem(
             mesh,
             Material(1e4, 0.0),
-            (Support(np.unique(base).astype(np.int32), base),),
+            (fixed(base),),
             (Traction(top, (0.0, 0.0, pressure)),),
         )
         moved = np.zeros_like(mesh.points)

@@ -1,7 +1,9 @@
-"""What must work without FEniCSx, and what is said when it is missing."""
+"""Whether FEniCSx is here, and where its compiled forms are stored."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import subprocess
 import sys
 
@@ -16,6 +18,7 @@ from palpate.reference.errors import (
     ReferenceTimeoutError,
     ReferenceUnavailableError,
 )
+from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 
 def test_the_caller_s_modules_do_not_load_fenicsx():
@@ -54,3 +57,116 @@ def test_messages_name_the_value_and_the_remedy():
     assert "30 s" in str(ReferenceTimeoutError(30.0))
     for error in (lost, told):
         assert isinstance(error, ReferenceFailedError)
+
+
+def test_the_folder_is_private_and_named_by_versions(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = cache_folder("0.11.0")
+    assert folder.parent == tmp_path / "palpate"
+    assert "dolfinx-0.11.0" in folder.name
+    assert folder.stat().st_mode & 0o077 == 0
+    assert cache_folder("0.5.2") != folder
+
+
+def test_a_home_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    folder = cache_folder("0.11.0")
+    assert folder.is_dir()
+    assert folder.is_relative_to(tmp_path)
+
+
+def test_where_nothing_can_be_kept_a_folder_lasts_as_long_as_its_process(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / f"palpate-{os.getuid()}").write_text("in the way")
+    program = (
+        "import stat\n"
+        "from palpate.reference.jit_cache import cache_folder\n"
+        "folder = cache_folder('0.11.0')\n"
+        "assert stat.S_IMODE(folder.stat().st_mode) == 0o700\n"
+        "(folder / 'form.c').write_text('x'); print(folder.parent)\n"
+    )
+    places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        env={**child_environment(), **places},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == f"{tmp_path}\n", done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", f"palpate-{os.getuid()}"]
+
+
+def test_only_unfinished_sources_are_removed(tmp_path):
+    for name in ("done.c", "done.c.cached", "half.c", "half.o"):
+        (tmp_path / name).write_text("")
+    assert remove_unfinished(tmp_path) == ["half.c"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["done.c", "done.c.cached", "half.o"]
+
+
+def test_the_lock_dies_with_its_holder(tmp_path):
+    program = (
+        "import os, pathlib, sys\n"
+        "from palpate.reference.jit_cache import locked\n"
+        "with locked(pathlib.Path(sys.argv[1])):\n"
+        "    os.abort()\n"
+    )
+    killed = subprocess.run(
+        [sys.executable, "-P", "-c", program, str(tmp_path)],
+        env=child_environment(),
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+    assert killed.returncode == -6
+    with locked(tmp_path):
+        assert (tmp_path / "lock").exists()
+
+
+def test_who_shares_the_lock_keeps_out_who_wants_it_alone(tmp_path):
+    with locked(tmp_path, alone=False), locked(tmp_path, alone=False, wait=False) as shared:
+        assert shared
+        with locked(tmp_path, wait=False) as alone:
+            assert not alone
+    with locked(tmp_path, wait=False) as alone, locked(tmp_path, alone=False, wait=False) as shared:
+        assert (alone, shared) == (True, False)
+
+
+def test_a_form_that_a_dead_run_left_is_compiled_anew(tmp_path):
+    source = tmp_path / "form.c"
+    source.write_text("")
+
+    def compiles():
+        if source.exists():
+            raise TimeoutError
+        return "made"
+
+    assert compiled_in(tmp_path, compiles) == "made"
+
+
+def test_a_form_that_another_process_compiles_is_waited_for_and_left_alone(tmp_path):
+    source, calls = tmp_path / "form.c", []
+    source.write_text("")
+    with contextlib.ExitStack() as other:
+        other.enter_context(locked(tmp_path, alone=False))
+
+        def compiles():
+            calls.append(source.exists())
+            if len(calls) < 5:
+                raise TimeoutError
+            other.close()
+            return "made"
+
+        assert compiled_in(tmp_path, compiles) == "made"
+    assert calls == [True] * 5
+
+
+def test_what_never_comes_is_an_error(tmp_path):
+    def compiles():
+        raise TimeoutError("no form")
+
+    with pytest.raises(TimeoutError, match="no form"):
+        compiled_in(tmp_path, compiles)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bank import support
 
-from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference import child
@@ -35,8 +36,7 @@ pytestmark = pytest.mark.dolfinx
 @pytest.fixture
 def beam(box):
     mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
-    held = mesh.facet_groups["x0"]
-    supports = (Support(np.unique(held).astype(np.int32), held),)
+    supports = (support(mesh, "x0"),)
     return Problem(mesh, Material(1e4, 0.35), supports, (BodyForce((0.0, 90.0, -300.0)),))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import fixed, support
 
-from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.field_norms import l2_gradient, l2_norm
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.adaptivity.goals import Goal, Quantity
@@ -35,10 +36,9 @@ def solved(box, formulation=Formulation.DISPLACEMENT, nu=0.3, slides=False):
     """A bar that is pulled aside, along a smooth wall or without it."""
     mesh = box((2, 1, 1), (2.0, 1.0, 1.0))
     root, far = mesh.facet_groups["x0"], mesh.facet_groups["x1"]
-    supports = (Support(np.unique(root), root),)
+    supports = (fixed(root),)
     if slides:
-        wall = mesh.facet_groups["y0"]
-        supports += (Support(np.unique(wall), wall, normal=(0.0, 1.0, 0.0)),)
+        supports += (support(mesh, "y0", normal=(0.0, 1.0, 0.0)),)
     problem = Problem(mesh, Material(3000.0, nu), supports, (Traction(far, (60.0, 0.0, -40.0)),))
     found = find_equilibrium(problem, strain=Strain.LINEAR, degree=2, formulation=formulation)
     return Solved(found, found.result(), None, mesh, np.arange(mesh.num_cells))

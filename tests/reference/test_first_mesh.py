@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import support
 
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Material, Problem, Strain
@@ -22,9 +23,7 @@ STRETCH = np.diag([0.02, -0.01, 0.03])
 
 
 def held(mesh, *, tools=(), springs=()):
-    bottom = mesh.facet_groups["z0"]
-    support = Support(np.unique(bottom), bottom)
-    return Problem(mesh, MATERIAL, (support,), (), tools=tools, springs=springs)
+    return Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=tools, springs=springs)
 
 
 def ball(radius, top):

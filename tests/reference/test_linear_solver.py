@@ -1,34 +1,40 @@
-"""One tangent system: direct, by multigrid, and what happens where multigrid is none."""
+"""Linear solvers, what they leave in memory, and meshes on their way to dolfinx."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from bank import fixed, support
 
-from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.boundary_conditions import BodyForce
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference import linear_solver
+    from palpate.reference import fenicsx, linear_solver
     from palpate.reference.discrete_problem import DiscreteProblem
+    from palpate.reference.fenicsx import fem, ufl
     from palpate.reference.linear_solver import (
         LaggedFactors,
         LinearSolveError,
         LinearSolver,
         PreconditionerError,
     )
+    from palpate.reference.mesh_transfer import create_space, transfer
+    from palpate.reference.statics import find_equilibrium, solve_static
 
 pytestmark = pytest.mark.dolfinx
+
 E = 1e4
 
 
 def equilibrium(box):
     mesh = box((4, 2, 2), jitter=0.2)
-    held = mesh.facet_groups["x0"]
-    problem = Problem(
-        mesh, Material(E, 0.3), (Support(np.unique(held).astype(np.int32), held),), ()
-    )
+    problem = Problem(mesh, Material(E, 0.3), (support(mesh, "x0"),), ())
     return DiscreteProblem(problem, strain=Strain.GREEN, degree=1)
 
 
@@ -97,3 +103,85 @@ def test_earlier_factors_serve_until_they_do_not(box, monkeypatch):
         assert np.linalg.norm(one - other) < 1e-3 * np.linalg.norm(one)
     # 1e-4 is asked of the factors of another matrix, rounding is left by its own.
     assert np.linalg.norm(one - other) < 1e-9 * np.linalg.norm(one)
+
+
+STATUS = Path("/proc/self/status")
+# Matrix and factors of 8 000 quadratic unknowns take about 40 MB.
+NUM_BODIES, ONE_BODY = 4, 40.0
+
+
+def resident() -> float:
+    """Memory of this process [MB]."""
+    (line,) = (row for row in STATUS.read_text("utf-8").splitlines() if row.startswith("VmRSS"))
+    return float(line.split()[1]) / 1024.0
+
+
+def beam() -> Problem:
+    mesh = brick_box((10, 5, 5), (2.0, 1.0, 1.0), ragged=0.2)
+    facets = mesh.boundary_facets
+    held = facets[(mesh.points[facets][:, :, 0] < 1e-9).all(axis=1)]
+    support = fixed(held)
+    return Problem(mesh, Material(1e4, 0.3, 1000.0), (support,), (BodyForce((0.0, 0.0, -9.8)),))
+
+
+def solve(problem: Problem, *, is_dropped: bool) -> None:
+    if is_dropped:  # matrices and factors that nobody destroys by hand
+        find_equilibrium(problem, strain=Strain.LINEAR, degree=2)
+    else:
+        solve_static(problem, strain=Strain.LINEAR, degree=2)
+
+
+@pytest.mark.skipif(not STATUS.is_file(), reason="/proc tells a process its memory on Linux only")
+@pytest.mark.parametrize("is_dropped", [False, True])
+def test_body_after_body_takes_no_more_memory(is_dropped: bool) -> None:
+    problem = beam()
+    for _ in range(2):
+        solve(problem, is_dropped=is_dropped)
+    before = resident()
+    for _ in range(NUM_BODIES):
+        solve(problem, is_dropped=is_dropped)
+    assert resident() - before < 0.5 * NUM_BODIES * ONE_BODY
+
+
+@pytest.fixture
+def shuffled(box):
+    """A ragged box in a random numbering, so that dolfinx has something to reorder."""
+    mesh = box((4, 3, 2), (1.0, 0.7, 0.4), jitter=0.2)
+    random = np.random.default_rng(11)
+    new = random.permutation(mesh.num_points)
+    points = np.empty_like(mesh.points)
+    points[new] = mesh.points
+    cells = new[mesh.cells][random.permutation(mesh.num_cells)]
+    groups = {name: new[rows] for name, rows in mesh.facet_groups.items()}
+    return TetMesh(points, cells, groups)
+
+
+def test_nodes_and_cells_arrive_with_their_maps(shuffled):
+    arrived = transfer(shuffled)
+    nodes = arrived.mesh.geometry.x
+    assert np.array_equal(nodes, shuffled.points[arrived.point_of_node])
+    assert not np.array_equal(arrived.point_of_node, np.arange(shuffled.num_points))
+    received = arrived.point_of_node[fenicsx.cell_nodes(arrived.mesh)]
+    sent = shuffled.cells[arrived.cell_of_cell]
+    assert np.array_equal(np.sort(received, axis=1), np.sort(sent, axis=1))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_dofs_of_points_sit_at_the_points(shuffled, degree):
+    space = create_space(transfer(shuffled), degree)
+    coordinates = space.space.tabulate_dof_coordinates()[space.dof_of_point]
+    assert np.abs(coordinates - shuffled.points).max() <= 4 * np.finfo(float).eps
+    there = space.at_points(space.from_points(shuffled.points))
+    assert np.array_equal(there, shuffled.points) or degree > 1
+    assert np.abs(there - shuffled.points).max() <= 10 * np.finfo(float).eps
+
+
+def test_facets_are_found_by_their_points(shuffled):
+    arrived = transfer(shuffled)
+    for name, (axis, value) in {"x1": (0, 1.0), "z0": (2, 0.0)}.items():
+        measure = arrived.facet_measure(shuffled.facet_groups[name], name, degree=2)
+        area = fenicsx.assemble_scalar(fenicsx.form(fem.Constant(arrived.mesh, 1.0) * measure))
+        assert area == pytest.approx({"x1": 0.28, "z0": 0.7}[name], rel=1e-14)
+        x = ufl.SpatialCoordinate(arrived.mesh)
+        off = fenicsx.assemble_scalar(fenicsx.form((x[axis] - value) ** 2 * measure))
+        assert abs(off) <= np.finfo(float).eps

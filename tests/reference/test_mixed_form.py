@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import rollers, support
 
 from palpate.meshes.boundary_conditions import Pressure, Support, Traction
 from palpate.meshes.errors import InputError
@@ -20,16 +21,6 @@ if is_available():
 pytestmark = pytest.mark.dolfinx
 
 MIXED = Formulation.MIXED
-
-
-def support(mesh, face, components=(True, True, True)):
-    facets = mesh.facet_groups[face]
-    return Support(np.unique(facets).astype(np.int32), facets, components)
-
-
-def rollers(mesh):
-    axes = np.eye(3, dtype=bool)
-    return tuple(support(mesh, f, tuple(axes[k])) for k, f in enumerate(("x0", "y0", "z0")))
 
 
 @pytest.mark.parametrize("poissons_ratio", [0.3, 0.49, 0.4999])

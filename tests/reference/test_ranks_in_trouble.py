@@ -6,10 +6,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
+from bank import support
 
-from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.problem_files import save_problem
 
@@ -115,10 +115,10 @@ def has_ended(number):
 )
 def test_trouble_of_one_rank_ends_them_all(mpirun, tmp_path, box, trouble, codes, told):
     mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
-    held = mesh.facet_groups["x0"]
-    support = Support(np.unique(held).astype(np.int32), held)
     pull = Traction(mesh.facet_groups["x1"], (10.0, 0.0, 0.0))
-    save_problem(tmp_path / "problem.npz", Problem(mesh, Material(1e3, 0.3), (support,), (pull,)))
+    save_problem(
+        tmp_path / "problem.npz", Problem(mesh, Material(1e3, 0.3), (support(mesh, "x0"),), (pull,))
+    )
     done = mpirun(2, "-c", COMMAND, str(tmp_path), trouble)
     assert done.returncode in codes, (done.returncode, done.stderr)
     assert told in done.stderr

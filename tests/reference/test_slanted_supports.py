@@ -6,11 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bank import fixed
 
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static as fast_static
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.boundary_conditions import BodyForce, Pressure, Rotation, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Rotation, Traction
 from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import DisagreeingSupportsError, InputError
 from palpate.meshes.problem import Element, InitialVelocity, Material, Problem, Strain, TimeSpan
@@ -37,7 +38,7 @@ def plane(mesh, axis, place, **more):
     facets = side(mesh, axis, place)
     normal = [0.0, 0.0, 0.0]
     normal[axis] = 1.0
-    return Support(np.unique(facets).astype(np.int32), facets, normal=tuple(normal), **more)
+    return fixed(facets, normal=tuple(normal), **more)
 
 
 def in_a_corner(divisions=(4, 3, 3), time=None, factor=1.0):
@@ -190,9 +191,8 @@ def twisted_bar(angle=1.2, divisions=(6, 3, 3), time=None):
     ramp = TabularAmplitude((0.0, 0.05), (0.0, 1.0), is_smooth=True) if time else None
     spin = Rotation((1.0, 0.0, 0.0), (2.0, 0.25, 0.25), angle)
     supports = (
-        Support(np.unique(root).astype(np.int32), root),
-        Support(
-            np.unique(end).astype(np.int32),
+        fixed(root),
+        fixed(
             end,
             displacement=(0.1, 0.0, 0.0),
             rotation=spin,

@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
+from bank import fixed
 
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.dynamics import simulate
@@ -14,7 +15,7 @@ from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.statics import solve_static as fast_static
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.boundary_conditions import Pressure, Support
+from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
@@ -50,7 +51,7 @@ def pinched(divisions=(4, 3, 3), *, stiffness=3e3, time=None, path=AWAY, amplitu
         Spring.on(mesh, (0.8, 0.3, 0.5), 0.35, stiffness, path, amplitude),
         Spring.on(mesh, (1.0, 0.3, 0.1), 0.4, 500.0, AnchorPath([0.0], [[0.02, 0.0, 0.0]])),
     )
-    return Problem(mesh, SOFT, (Support(np.unique(held), held),), (), time=time, springs=springs)
+    return Problem(mesh, SOFT, (fixed(held),), (), time=time, springs=springs)
 
 
 def apart(mine, theirs):
@@ -89,11 +90,11 @@ def test_the_same_equilibrium_by_other_laws(law: Law, element: Element) -> None:
 def test_beside_a_pressure_and_a_slanted_plane() -> None:
     problem = pinched()
     left, top = side(problem.mesh, 0, 0.0), side(problem.mesh, 2, 0.5)
-    wall = Support(np.unique(left), left, normal=(1.0, 0.2, 0.0))
+    wall = fixed(left, normal=(1.0, 0.2, 0.0))
     far = side(problem.mesh, 1, 0.6)
     problem = dataclasses.replace(
         problem,
-        supports=(wall, Support(np.unique(far), far)),
+        supports=(wall, fixed(far)),
         loads=(Pressure(top, 200.0),),
     )
     mine = fast_static(problem).displacement
@@ -160,9 +161,7 @@ def test_a_bar_and_a_spring_in_a_row() -> None:
     held, end = side(mesh, 0, 0.0), side(mesh, 0, 1.0)
     bar, k, d = 1e4 * 0.6 * 0.5 / 1.0, 2e3, 0.05
     spring = Spring(end, (1.0, 0.3, 0.25), 1e4, k, AnchorPath([0.0], [[d, 0.0, 0.0]]))
-    problem = Problem(
-        mesh, Material(1e4, 0.0), (Support(np.unique(held), held),), (), springs=(spring,)
-    )
+    problem = Problem(mesh, Material(1e4, 0.0), (fixed(held),), (), springs=(spring,))
     found = fast_static(problem, strain=Strain.LINEAR).displacement
     tip = k / (k + bar) * d
     exact = tip * np.outer(mesh.points[:, 0], [1.0, 0.0, 0.0])

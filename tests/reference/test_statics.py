@@ -1,17 +1,12 @@
-"""Closed-form states of the Saint-Venant-Kirchhoff material, and honest ends."""
+"""Closed-form states of the Saint-Venant-Kirchhoff material, steps of the load, and honest ends."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import rollers, support
 
-from palpate.meshes.boundary_conditions import (
-    BodyForce,
-    PointForce,
-    Pressure,
-    Support,
-    Traction,
-)
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
@@ -29,17 +24,6 @@ MATERIAL = Material(E, NU, 1000.0)
 LMBDA, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
 # TARGETS: closed homogeneous states to 1e-10.
 CLOSED = 1e-10
-
-
-def support(mesh, face, components=(True, True, True), displacement=(0.0, 0.0, 0.0)):
-    facets = mesh.facet_groups[face]
-    return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
-
-
-def rollers(mesh):
-    """The planes x = 0, y = 0, z = 0 slide in themselves."""
-    axes = np.eye(3, dtype=bool)
-    return tuple(support(mesh, f, tuple(axes[k])) for k, f in enumerate(("x0", "y0", "z0")))
 
 
 def point_supports(mesh, displacement):
@@ -366,3 +350,118 @@ def test_unusable_input_is_named(box, change, words):
     )
     with pytest.raises(InputError, match=words):
         solve_static(problem, **options)
+
+
+COLUMN_E = 3000.0
+
+
+def test_a_straight_column_ends_at_eulers_load(box):
+    # Clamped-free: P = pi^2 E I / (4 L^2); nothing bends it, so only stability tells.
+    mesh = box((10, 1, 1), (1.0, 0.1, 0.1))
+    euler = np.pi**2 * COLUMN_E * 0.1**4 / 12 / 4
+    loads = (Traction(mesh.facet_groups["x1"], (-2.0 * euler / 0.01, 0.0, 0.0)),)
+    problem = Problem(mesh, Material(COLUMN_E, 0.0), (support(mesh, "x0"),), loads)
+    with pytest.raises(ReferenceNotConvergedError, match="not stable") as caught:
+        solve_static(problem, degree=2)
+    # 2 %: shear and shortening, (h / L)^2 each, and the coarse mesh.
+    assert 2.0 * caught.value.load_factor == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["pushed by the pressure", "beside a small one"])
+def test_follower_pressure_does_not_hide_that_a_column_buckles(box, kind):
+    mesh = box((10, 1, 1), (1.0, 0.1, 0.1))
+    if kind == "pushed by the pressure":
+        # The top may slide and turn, so that the pressure has a potential: 20.19 E I / L^2.
+        critical = 20.19 * COLUMN_E * 0.1**4 / 12
+        supports = (
+            support(mesh, "x0"),
+            support(mesh, "x1", (False, True, True)),
+        )
+        loads = (Pressure(mesh.facet_groups["x1"], 2.0 * critical / 0.01),)
+    else:
+        critical = np.pi**2 * COLUMN_E * 0.1**4 / 12 / 4
+        supports = (support(mesh, "x0"),)
+        loads = (
+            Traction(mesh.facet_groups["x1"], (-2.0 * critical / 0.01, 0.0, 0.0)),
+            Pressure(mesh.facet_groups["y1"], 1e-9 * COLUMN_E),
+        )
+    with pytest.raises(ReferenceNotConvergedError, match="not stable") as caught:
+        solve_static(Problem(mesh, Material(COLUMN_E, 0.0), supports, loads), degree=2)
+    # Shear and shortening, some (pi h / l)^2 of the half wave l, which is 0.7 L where it is short.
+    assert 2.0 * caught.value.load_factor == pytest.approx(1.0, rel=0.08)
+
+
+TISSUE = Material(1e4, 0.3)
+
+
+@pytest.fixture
+def bar(box):
+    return box((20, 4, 4), (1.0, 0.2, 0.2))
+
+
+def twist(mesh, degrees):
+    """Each point of the end x1 turned about the bar's axis."""
+    a = np.radians(degrees)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(a), -np.sin(a)], [0.0, np.sin(a), np.cos(a)]])
+    points = np.unique(mesh.facet_groups["x1"])
+    arms = mesh.points[points] - [1.0, 0.1, 0.1]
+    return tuple(
+        Support(np.array([p], dtype=np.int32), displacement=tuple(u))
+        for p, u in zip(points, arms @ turn.T - arms, strict=True)
+    )
+
+
+def test_a_bar_is_twisted_by_a_quarter_turn(bar):
+    # From rest under prescribed displacements alone the first residual is zero.
+    result = solve_static(Problem(bar, TISSUE, (support(bar), *twist(bar, 90.0)), ()))
+    assert len(result.load_steps) > 1
+    assert result.smallest_det_f > 0.9
+    middle = np.flatnonzero(np.all(np.isclose(bar.points, [0.5, 0.2, 0.1]), axis=1))[0]
+    moved = bar.points[middle] + result.displacement[middle] - [0.5, 0.1, 0.1]
+    assert np.degrees(np.arctan2(moved[2], moved[1])) == pytest.approx(45.0, abs=3.0)
+
+
+def test_a_bar_bends_far_down_in_several_steps(bar):
+    result = solve_static(Problem(bar, TISSUE, (support(bar),), (BodyForce((0.0, 0.0, -200.0)),)))
+    assert result.displacement[:, 2].min() < -0.4
+    assert result.relative_residual <= 1e-10
+    assert result.volume == pytest.approx(0.04, rel=0.01)
+
+
+def test_a_bar_squeezed_between_its_ends_buckles(bar):
+    # Clamped at both ends: Euler's strain 4 pi^2 I / (A L^2) = 4 pi^2 0.2^2 / 12 = 0.13.
+    supports = (support(bar), support(bar, "x1", displacement=(-0.3, 0.0, 0.0)))
+    with pytest.raises(ReferenceNotConvergedError, match="not stable") as caught:
+        solve_static(Problem(bar, TISSUE, supports, ()))
+    # Shear at L / h = 5 lowers it by about a fifth.
+    assert 0.3 * caught.value.load_factor == pytest.approx(0.13, rel=0.25)
+
+
+@pytest.mark.parametrize("kind", ["bend", "pull down", "press", "poke", "squeeze"])
+@pytest.mark.parametrize("strength", [1.0, 30.0])
+def test_overload_ends_with_the_last_good_state(bar, kind, strength):
+    mesh = bar
+    loads, supports = (), (support(mesh),)
+    if kind == "bend":
+        loads = (BodyForce((0.0, 0.0, -1000.0 * strength)),)
+    elif kind == "pull down":
+        loads = (Traction(mesh.facet_groups["x1"], (0.0, 0.0, -500.0 * strength)),)
+    elif kind == "press":
+        loads = (Pressure(mesh.facet_groups["z1"], 300.0 * strength),)
+    elif kind == "poke":
+        corner = np.array([mesh.num_points - 1], dtype=np.int32)
+        loads = (PointForce(corner, np.array([[0.0, 0.0, -100.0 * strength]])),)
+    else:
+        supports = (
+            *supports,
+            support(mesh, "x1", displacement=(-min(0.9, 0.5 * strength), 0.0, 0.0)),
+        )
+    lines: list[str] = []
+    with pytest.raises(ReferenceNotConvergedError) as caught:
+        solve_static(Problem(mesh, TISSUE, supports, loads), progress=lines.append)
+    error = caught.value
+    assert 0.0 < error.load_factor < 1.0
+    assert error.smallest_det_f > 0.0
+    assert error.displacement.any()
+    assert f"{error.load_factor:.3f}" in str(error)
+    assert any("back to" in line for line in lines)

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from bank import support
 
-from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Traction
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.problem_files import save_problem
 from palpate.reference.result import ReferenceResult, load_result, save_result
@@ -97,11 +98,10 @@ def largest_difference(there, problem, strain, degree, tolerance=1e-9, element=E
 )
 def test_the_other_version_gives_the_same_answer(box, there, strain, degree, element):
     mesh = box((4, 2, 2), (0.4, 0.1, 0.1), jitter=0.2)
-    held = mesh.facet_groups["x0"]
     problem = Problem(
         mesh,
         Material(2e4, 0.4),
-        (Support(np.unique(held).astype(np.int32), held),),
+        (support(mesh, "x0"),),
         (
             BodyForce((0.0, 200.0, -600.0)),
             Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import fixed
 
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Material, Problem, Strain
@@ -86,7 +87,7 @@ def block(mesh, half_widths, depth, ratio):
     return Problem(
         mesh,
         Material(1e4, ratio),
-        (Support(np.unique(base).astype(np.int32), base),),
+        (fixed(base),),
         (),
         tools=(RigidTool(BoxShape(half_widths), path, contact_facets=top),),
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bank import support
 
-from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.boundary_conditions import BodyForce
 from palpate.meshes.bricks import brick_box, rollers, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
@@ -31,11 +32,6 @@ pytestmark = pytest.mark.dolfinx
 MATERIAL = Material(1e4, 0.3)
 DOWN = (0.0, 1.0, 0.0, 0.0)  # half a turn about x: the tool's +z looks down
 LYING = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # a quarter turn about y: along x
-
-
-def support(mesh, name, components=(True, True, True)):
-    facets = mesh.facet_groups[name]
-    return Support(np.unique(facets).astype(np.int32), facets, components)
 
 
 def on_rollers(mesh):

@@ -1,4 +1,4 @@
-"""Equilibria of smoothed tetrahedra: closed forms, materials, tools, and nearness to truth."""
+"""Smoothed tetrahedra at rest and in motion: closed forms, fastsim on the same mesh, faults."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bank import rollers, support
 
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.fastsim.body import Body
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.statics import solve_static as solve_fast
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.availability import is_available
+from palpate.reference.child import run_task
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.result import Formulation, load_result, save_result
-from palpate.reference.tasks import StaticTask
+from palpate.reference.schemes import Integrator
+from palpate.reference.tasks import StaticTask, SteppedTask
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.stored import load_stored
@@ -24,6 +30,7 @@ if is_available():
     from palpate.reference.audit import audit_displacement
     from palpate.reference.discrete_problem import internal_force
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 
@@ -32,16 +39,6 @@ MATERIAL = Material(E, NU)
 BOTH = pytest.mark.parametrize("strain", list(Strain))
 SMOOTHED = Element.SMOOTHED
 DOWN = (0.0, 1.0, 0.0, 0.0)
-
-
-def support(mesh, face, components=(True, True, True), displacement=(0.0, 0.0, 0.0)):
-    facets = mesh.facet_groups[face]
-    return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
-
-
-def rollers(mesh):
-    axes = np.eye(3, dtype=bool)
-    return tuple(support(mesh, f, tuple(axes[k])) for k, f in enumerate(("x0", "y0", "z0")))
 
 
 @pytest.mark.parametrize("stretch", [0.8, 1.25])
@@ -240,3 +237,201 @@ def test_the_element_is_part_of_a_task_and_of_its_answer(box, tmp_path):
     save_result(tmp_path / "result.npz", result)
     stored = load_result(tmp_path / "result.npz", type(result))
     assert stored.element is result.element is task.element is SMOOTHED
+
+
+SOFT, HARD = Material(1e4, 0.3, 1000.0), Material(5e4, 0.45, 1500.0)
+
+
+def body_of(mesh, span, **more):
+    hard = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5).astype(np.int32)
+    return Problem(mesh, SOFT, (), (), span, inclusions=(Inclusion(hard, HARD),), **more)
+
+
+def mass_of(problem):
+    mesh = problem.mesh
+    density = np.full(mesh.num_cells, problem.material.density)
+    for inclusion in problem.inclusions:
+        density[inclusion.cells] = inclusion.material.density
+    x = mesh.points[mesh.cells]
+    mass = np.zeros(mesh.num_points)
+    np.add.at(mass, mesh.cells, (density * np.linalg.det(x[:, 1:] - x[:, :1]) / 24)[:, None])
+    return mass
+
+
+def test_momentum_and_angular_momentum_stay_and_energy_nearly(box):
+    steps, dt = 400, 5e-4
+    problem = body_of(box((2, 2, 1), jitter=0.2), TimeSpan(steps * dt, dt, 0.0, steps))
+    mass, rest = mass_of(problem)[:, None], problem.mesh.points
+    velocity = np.random.default_rng(2).standard_normal(rest.shape)
+    result = simulate_explicit(problem, velocity=velocity, element=SMOOTHED)
+    u = result.displacements
+    middle = (u[1:] - u[:-1]) / dt  # velocities between the outputs, which are the steps
+    momentum = (mass * middle).sum(axis=1)
+    assert np.abs(np.diff(momentum, axis=0)).max() <= 1e-12 * mass.sum()
+    # x_n x m (x_{n+1} - x_n) changes by x_n x f_n, which is nothing: central differences keep it.
+    spin = np.cross(rest + u[:-1], mass * middle).sum(axis=1)
+    assert np.abs(spin[0]).max() > 0.01
+    assert np.abs(np.diff(spin, axis=0)).max() <= 1e-12 * mass.sum()
+    kinetic = 0.5 * (mass * ((u[2:] - u[:-2]) / (2 * dt)) ** 2).sum(axis=(1, 2))
+    total = kinetic + result.strain_energies[1:-1]
+    assert result.strain_energies.max() > 0.2 * total[0]
+    # Second order in the step: the highest modes turn by about half a radian in one.
+    assert np.ptp(total) < 0.05 * total[0]
+
+
+@BOTH
+def test_an_affine_state_starts_like_that_of_plain_tetrahedra_and_a_bent_one_does_not(box, strain):
+    mesh = box((2, 2, 1), jitter=0.2)
+    problem = body_of(mesh, TimeSpan(1e-2, 1e-2, 0.0, 1))
+    alone = dataclasses.replace(problem, inclusions=())
+    stretched = mesh.points @ np.array([[0.1, 0.05, 0.0], [0.0, -0.08, 0.03], [0.04, 0.0, 0.06]])
+    moved = {
+        element: simulate_explicit(alone, strain=strain, displacement=stretched, element=element)
+        for element in Element
+    }
+    smoothed, plain = (moved[e].displacements[1] - stretched for e in (SMOOTHED, Element.LINEAR))
+    assert np.abs(plain).max() > 1e-6
+    assert np.abs(smoothed - plain).max() <= 1e-9 * np.abs(plain).max()
+    bent = 0.2 * mesh.points[:, [1, 2, 0]] ** 2
+    ends = [
+        simulate_explicit(alone, strain=strain, displacement=bent, element=e).displacements[1]
+        for e in Element
+    ]
+    assert np.abs(ends[0] - ends[1]).max() > 0.01 * np.abs(ends[0] - bent).max()
+
+
+def test_a_tool_gives_a_free_body_the_momentum_that_it_loses(box):
+    steps, dt = 200, 1e-3
+    mesh = box((2, 2, 2), jitter=0.2)
+    path = np.array([[0.5, 0.5, 1.01], [0.5, 0.5, 0.9]])
+    turns = np.tile((0.0, 1.0, 0.0, 0.0), (2, 1))
+    tool = RigidTool(PlaneShape(), ToolPath(np.array([0.0, steps * dt]), path, turns))
+    problem = body_of(mesh, TimeSpan(steps * dt, dt, 0.0, steps), tools=(tool,))
+    result = simulate_explicit(problem, element=SMOOTHED)
+    u, mass = result.displacements, mass_of(problem)[:, None]
+    gained = (mass * (u[-1] - u[-2])).sum(axis=0) / dt
+    given = -result.tool_forces[0].sum(axis=0) * dt
+    assert given[2] < -10.0
+    assert np.abs(gained - given).max() <= 1e-10 * np.abs(given).max()
+    heights = np.interp(result.times, [0.0, steps * dt], path[:, 2])
+    assert ((mesh.points + u)[:, :, 2].max(axis=1) - heights).max() < 1e-12
+
+
+def test_the_child_gives_the_same_trajectory_bit_for_bit(box):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    supports = (support(mesh, "x0"),)
+    span = TimeSpan(0.05, 1e-3, 1.0, 5)
+    swing = Problem(mesh, Material(1e4, 0.35), supports, (BodyForce((0.0, 90.0, -300.0)),), span)
+    there = run_task(
+        SteppedTask(Integrator.CENTRAL_DIFFERENCES, element=SMOOTHED), swing, time_limit=120
+    )
+    here = simulate_explicit(swing, element=SMOOTHED)
+    assert np.array_equal(there.displacements, here.displacements)
+    plain = simulate_explicit(swing)
+    assert np.abs(there.displacements[-1] - plain.displacements[-1]).max() > 1e-6
+
+
+def two_materials(box, poissons_ratio):
+    """Clamped at one end, hard and heavy in part, with every kind of load."""
+    mesh = box((5, 3, 3), (0.5, 0.2, 0.2), jitter=0.2)
+    centres = mesh.points[mesh.cells].mean(axis=1)
+    hard = np.flatnonzero((centres[:, 0] > 0.25) & (centres[:, 1] > 0.1)).astype(np.int32)
+    loads = (
+        BodyForce((0.0, 20.0, -200.0)),
+        Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+        PointForce(np.array([mesh.num_points - 1], np.int32), np.array([[0.0, 0.1, 0.0]])),
+        Pressure(mesh.facet_groups["z1"], 30.0),
+    )
+    return Problem(
+        mesh,
+        Material(1e4, poissons_ratio),
+        (support(mesh, "x0"),),
+        loads,
+        inclusions=(Inclusion(hard, Material(6e4, 0.45, 3000.0)),),
+    )
+
+
+@BOTH
+@pytest.mark.parametrize("poissons_ratio", [0.0, 0.3, 0.49])
+def test_force_and_energy_are_the_same_to_rounding(box, strain, poissons_ratio):
+    problem = two_materials(box, poissons_ratio)
+    # About 10 % of the cell size.
+    u = 0.006 * np.random.default_rng(7).standard_normal(problem.mesh.points.shape)
+    ours = Body.of(problem, strain, element=SMOOTHED).internal_force(u)
+    theirs = internal_force(
+        problem.mesh,
+        u,
+        material=problem.material,
+        inclusions=problem.inclusions,
+        strain=strain,
+        element=SMOOTHED,
+    )
+    assert np.abs(theirs).max() > 0.1
+    assert np.abs(ours - theirs).max() <= 1e-12 * np.abs(theirs).max()
+
+
+def largest_difference(problem, strain):
+    fast = solve_fast(problem, strain=strain, element=SMOOTHED, relative_tolerance=1e-11)
+    true = solve_static(problem, strain=strain, element=SMOOTHED, relative_tolerance=1e-11)
+    scale = np.abs(true.displacement).max()
+    assert scale > 0.0
+    return np.abs(fast.displacement - true.displacement).max() / scale
+
+
+@BOTH
+def test_equilibria_of_two_materials_are_the_same(box, strain):
+    assert largest_difference(two_materials(box, 0.4), strain) < 1e-8
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "name", ["beam", "block", "cantilever", "column", "csm1", "csm2", "kidney", "press", "sze"]
+)
+def test_built_in_cases_are_the_same(name, strain):
+    assert largest_difference(load_case(name).problem, strain) < 1e-8
+
+
+def both_motions(problem, strain, **begun):
+    fast = simulate(problem, strain=strain, element=SMOOTHED, **begun)
+    true = simulate_explicit(problem, strain=strain, element=SMOOTHED, **begun)
+    assert fast.num_steps == true.num_steps
+    return fast, true
+
+
+def largest_difference_in_motion(problem, strain, **begun):
+    fast, true = both_motions(problem, strain, **begun)
+    scale = np.abs(true.displacements).max()
+    assert scale > 0.0
+    return np.abs(fast.displacements - true.displacements).max() / scale
+
+
+@BOTH
+def test_a_thousand_steps_of_two_materials_are_the_same(box, strain):
+    problem = two_materials(box, 0.4)
+    step = 0.5 * Body.of(problem, strain, element=SMOOTHED).critical_time_step()
+    span = TimeSpan(1000 * step, step, mass_damping=2.0, num_outputs=10)
+    moving = dataclasses.replace(problem, time=span)
+    velocity = 0.2 * problem.mesh.points[:, :1] * [0.2, 1.0, 0.0]
+    assert largest_difference_in_motion(moving, strain, velocity=velocity) < 1e-10
+
+
+@BOTH
+def test_a_thousand_steps_of_the_kidney_are_the_same(strain):
+    problem = load_case("kidney").problem
+    step = 0.5 * Body.of(problem, strain, element=SMOOTHED).critical_time_step()
+    span = TimeSpan(1000 * step, step, mass_damping=5.0, num_outputs=10)
+    moving = dataclasses.replace(problem, time=span)
+    assert largest_difference_in_motion(moving, strain) < 1e-10
+
+
+@BOTH
+def test_a_moving_tool_leaves_the_same_motion_and_feels_the_same(strain):
+    problem = load_case("slide").problem
+    fast, true = both_motions(problem, strain)
+    assert true.num_steps == 600
+    scale = np.abs(true.displacements).max()
+    assert np.abs(fast.displacements - true.displacements).max() < 1e-10 * scale
+    felt = np.abs(true.tool_forces).max()
+    assert felt > 0.01
+    forces = np.array([track.mean_forces for track in fast.tools])
+    assert np.abs(forces - true.tool_forces).max() < 1e-9 * felt

@@ -1,0 +1,66 @@
+"""A bank of bodies for tests: boxes of tetrahedra with named faces, and what holds them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+FACES = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1), "z0": (2, 0), "z1": (2, 1)}
+
+
+def make_box(counts=(2, 2, 2), size=(1.0, 1.0, 1.0), jitter=0.0) -> TetMesh:
+    """Six tetrahedra per brick; inside points moved by `jitter` of a brick, at random."""
+    counts = np.asarray(counts)
+    axes = [np.linspace(0.0, s, n + 1) for s, n in zip(size, counts, strict=True)]
+    points = np.array(list(itertools.product(*axes)))
+    strides = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
+    cells = []
+    for corner in itertools.product(*map(range, counts)):
+        for order in itertools.permutations(range(3)):
+            walk = [np.array(corner)]
+            for axis in order:
+                walk.append(walk[-1] + np.eye(3, dtype=int)[axis])
+            cells.append([int(strides @ w) for w in walk])
+    cells = np.array(cells)
+    turned = signed_volumes(points, cells) < 0.0
+    cells[turned] = cells[turned][:, [0, 2, 1, 3]]
+    inside = np.all((points > 0.0) & (points < np.asarray(size)), axis=1)
+    shift = np.random.default_rng(7).uniform(-jitter, jitter, (int(inside.sum()), 3))
+    points[inside] += shift * np.asarray(size) / counts
+    bare = TetMesh(points, cells)
+    facets = bare.boundary_facets
+    groups = {
+        name: facets[np.all(points[facets][:, :, axis] == end * size[axis], axis=1)]
+        for name, (axis, end) in FACES.items()
+    }
+    return TetMesh(points, cells, facet_groups=groups)
+
+
+def fixed(facets, components=(True, True, True), displacement=(0.0, 0.0, 0.0), **more) -> Support:
+    """A support of all points of some facets."""
+    return Support(np.unique(facets).astype(np.int32), facets, components, displacement, **more)
+
+
+def support(mesh, face="x0", components=(True, True, True), displacement=(0.0, 0.0, 0.0), **more):
+    """A support of a named face of a box."""
+    return fixed(mesh.facet_groups[face], components, displacement, **more)
+
+
+def along_normals(mesh, faces):
+    """Faces of a box that slide in their own planes."""
+    axes = np.eye(3, dtype=bool)
+    return tuple(support(mesh, face, tuple(axes[FACES[face][0]])) for face in faces)
+
+
+def rollers(mesh):
+    """The planes x = 0, y = 0, z = 0 slide in themselves."""
+    return along_normals(mesh, ("x0", "y0", "z0"))
+
+
+def confined(mesh):
+    """A bar that can only lengthen, from x = 0."""
+    return along_normals(mesh, ("x0", "y0", "y1", "z0", "z1"))

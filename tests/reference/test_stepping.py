@@ -1,0 +1,336 @@
+"""Motion by the schemes of simulators: exact motions, energy, laws, elements, and refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from bank import confined, fixed, support
+
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
+from palpate.reference.availability import is_available
+from palpate.reference.child import run_task
+from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError, ReferenceTimeoutError
+from palpate.reference.schemes import Integrator, numerical_damping_ratio
+from palpate.reference.tasks import SteppedTask
+from palpate.validation.diagnosis.law_simulators import example_material
+
+if is_available():
+    from palpate.reference.dynamics import simulate_implicit
+    from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_by, simulate_explicit
+
+pytestmark = pytest.mark.dolfinx
+
+SOFT = Material(1e4, 0.3, 1000.0)
+BOTH = pytest.mark.parametrize("strain", list(Strain))
+EPS = np.finfo(float).eps
+
+
+def span_of(num_steps, step=1e-3, *, damping=0.0, num_outputs=2):
+    return TimeSpan(num_steps * step, step, damping, num_outputs)
+
+
+@BOTH
+def test_a_free_body_falls_by_half_g_t_squared(box, strain):
+    """Central differences are exact for a motion that is quadratic in time."""
+    mesh = box((2, 1, 1), jitter=0.2)
+    load = BodyForce((0.0, 1000.0 * 3.0, -1000.0 * 9.81))
+    result = simulate_explicit(Problem(mesh, SOFT, (), (load,), span_of(100)), strain=strain)
+    fall = 0.5 * np.array([0.0, 3.0, -9.81]) * 0.1**2
+    assert np.abs(result.displacements[-1] - fall).max() < 1e4 * EPS
+    assert result.num_steps == 100
+
+
+def test_mass_damping_slows_the_fall_as_the_recurrence_says(box):
+    mesh = box((1, 1, 1))
+    load = BodyForce((0.0, 0.0, -1000.0))
+    result = simulate_explicit(Problem(mesh, SOFT, (), (load,), span_of(50, damping=4.0)))
+    # z'' + 4 z' = -1 from rest: z = -(t / 4 - (1 - exp(-4 t)) / 16), to order dt^2.
+    t = 0.05
+    exact = -(t / 4.0 - (1.0 - np.exp(-4.0 * t)) / 16.0)
+    assert result.displacements[-1][:, 2] == pytest.approx(exact, rel=1e-4)
+
+
+def test_the_first_step_of_a_stretched_cube_obeys_newtons_second_law(box):
+    """Eq. 13 and one step of eq. 11: a(dt) - a(0) = dt^2 a'' / 2."""
+    mesh = box((1, 1, 1))
+    stretch = np.zeros_like(mesh.points)
+    stretch[:, 0] = 1e-3 * mesh.points[:, 0]
+    sides = tuple(
+        Support(np.flatnonzero(mesh.points[:, k] >= 0.0).astype(np.int32), components=c)
+        for k, c in ((1, (False, True, False)), (2, (False, False, True)))
+    )
+    held = Support(
+        np.flatnonzero(mesh.points[:, 0] == 0.0).astype(np.int32), components=(True, False, False)
+    )
+    result = simulate_explicit(
+        Problem(mesh, SOFT, (*sides, held), (), span_of(1, step=1e-4, num_outputs=1)),
+        strain=Strain.LINEAR,
+        displacement=stretch,
+    )
+    modulus = 1e4 * 0.7 / (1.3 * 0.4)  # lmbda + 2 mu
+    far = mesh.points[:, 0] == 1.0
+    mass = np.zeros(mesh.num_points)
+    np.add.at(mass, mesh.cells, 1000.0 / 6.0 / 4.0)
+    moved = result.displacements[1][far, 0] - 1e-3
+    # Confined stretch 1e-3 over a unit area: the pulls on the far face add up to modulus x 1e-3.
+    assert np.sum(mass[far] * moved) == pytest.approx(-0.5 * 1e-8 * modulus * 1e-3, rel=1e-9)
+
+
+def test_supports_follow_their_amplitude_and_loads_theirs(box):
+    mesh = box((2, 1, 1))
+    left = np.flatnonzero(mesh.points[:, 0] == 0.0).astype(np.int32)
+    right = np.flatnonzero(mesh.points[:, 0] == 1.0).astype(np.int32)
+    supports = (Support(left), Support(right, displacement=(0.1, 0.0, 0.0)))
+    problem = Problem(mesh, SOFT, supports, (), span_of(100, num_outputs=10))
+    result = simulate_explicit(problem, support_amplitude=[None, lambda t: 10.0 * t])
+    assert result.displacements[:, right, 0] == pytest.approx(
+        np.tile(result.times[:, None], (1, len(right))), rel=1e-12
+    )
+    assert not result.displacements[:, left].any()
+    own = TabularAmplitude((0.0, 1.0), (0.0, 10.0))
+    pulled = Support(right, displacement=(0.1, 0.0, 0.0), amplitude=own)
+    itself = simulate_explicit(dataclasses.replace(problem, supports=(supports[0], pulled)))
+    assert itself.displacements == pytest.approx(result.displacements, rel=1e-12)
+
+    def impulse(t):
+        return 1.0 if t < 0.5e-3 else 0.0
+
+    kicked = Problem(mesh, SOFT, (), (BodyForce((0.0, 0.0, 1000.0)),), span_of(10, num_outputs=1))
+    # F for the start-up and the first step only: v = dt / 2, then uniform motion.
+    final = simulate_explicit(kicked, amplitude=impulse).displacements[-1]
+    assert final[:, 2] == pytest.approx(10 * 1e-3 * 0.5e-3, rel=1e-9)
+
+
+@BOTH
+def test_inner_forces_leave_the_momentum_alone(box, strain):
+    mesh = box((2, 2, 1), jitter=0.2)
+    velocity = np.random.default_rng(2).standard_normal(mesh.points.shape)
+    problem = Problem(mesh, SOFT, (), (), span_of(40))
+    result = simulate_explicit(problem, strain=strain, velocity=velocity)
+    mass = np.zeros(mesh.num_points)
+    shares = np.linalg.det(mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]) / 24
+    np.add.at(mass, mesh.cells, 1000.0 * shares[:, None])
+    drift = mass @ result.displacements[-1] - mass @ velocity * 0.04
+    assert np.abs(drift).max() < 1e-12 * mass.sum()
+
+
+def test_a_step_that_is_too_long_stops_the_run_with_the_last_good_state(box):
+    mesh = box((2, 2, 2))
+    held = np.flatnonzero(mesh.points[:, 0] == 0.0).astype(np.int32)
+    problem = Problem(
+        mesh, SOFT, (Support(held),), (BodyForce((0.0, 0.0, -1e3)),), span_of(400, step=0.2)
+    )
+    with (
+        np.errstate(over="ignore", invalid="ignore"),
+        pytest.raises(ReferenceBlowUpError, match="shorten the time step") as caught,
+    ):
+        simulate_explicit(problem)
+    assert 1 < caught.value.step < 400
+    assert np.isfinite(caught.value.displacement).all()
+    assert caught.value.displacement.shape == mesh.points.shape
+
+
+def test_what_cannot_be_stepped_is_refused(box):
+    mesh = box((1, 1, 1))
+    for span in (None, TimeSpan(1.0), TimeSpan(1.0, 0.3, 0.0, 1)):
+        with pytest.raises(InputError):
+            simulate_explicit(Problem(mesh, SOFT, (), (), span))
+    loads = (
+        PointForce(np.array([0], np.int32), np.ones((1, 3))),
+        Pressure(mesh.boundary_facets, 1.0),
+    )
+    with pytest.raises(InputError, match="1 amplitudes for 2 loads"):
+        simulate_explicit(Problem(mesh, SOFT, (), loads, span_of(2)), amplitude=[None])
+
+
+@pytest.fixture
+def swing(box):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    supports = (support(mesh, "x0"),)
+    span = TimeSpan(0.05, 1e-3, 1.0, 5)
+    return Problem(mesh, Material(1e4, 0.35), supports, (BodyForce((0.0, 90.0, -300.0)),), span)
+
+
+def test_the_child_gives_the_same_trajectory_bit_for_bit(swing):
+    there = run_task(SteppedTask(Integrator.CENTRAL_DIFFERENCES), swing, time_limit=120)
+    here = simulate_explicit(swing)
+    assert np.array_equal(there.displacements, here.displacements)
+    assert np.array_equal(there.strain_energies, here.strain_energies)
+    assert np.array_equal(there.times, here.times)
+    assert (there.time_step, there.num_steps) == (1e-3, 50)
+
+
+def test_failures_come_back_typed(swing):
+    with pytest.raises(InputError, match="time_step given"):
+        run_task(
+            SteppedTask(Integrator.CENTRAL_DIFFERENCES),
+            dataclasses.replace(swing, time=TimeSpan(1.0)),
+            time_limit=60,
+        )
+    wild = dataclasses.replace(swing, time=TimeSpan(100.0, 0.1, 0.0, 10))
+    with pytest.raises(ReferenceBlowUpError) as caught:
+        run_task(SteppedTask(Integrator.CENTRAL_DIFFERENCES), wild, time_limit=120)
+    assert caught.value.displacement.shape == swing.mesh.points.shape
+    assert np.isfinite(caught.value.displacement).all()
+    with pytest.raises(ReferenceTimeoutError):
+        run_task(SteppedTask(Integrator.CENTRAL_DIFFERENCES), swing, time_limit=0.2)
+
+
+IMPLICIT = [i for i in Integrator if i.is_implicit]
+STEPPED = [*IMPLICIT, Integrator.SEMI_IMPLICIT_EULER]
+# Confined: P-wave speed sqrt((lmbda + 2 mu) / rho) with E = 1, nu = 0.3, rho = 1.
+SPEED = 1.16023870
+
+
+def wave(box, span):
+    """A bar that can only lengthen, in the shape of its first mode."""
+    mesh = box((8, 1, 1), (1.0, 0.1, 0.1))
+    supports = confined(mesh)
+    shape = np.zeros_like(mesh.points)
+    shape[:, 0] = 1e-3 * np.sin(0.5 * np.pi * mesh.points[:, 0])
+    return Problem(mesh, Material(1.0, 0.3, 1.0), supports, (), span), shape
+
+
+def heavy_bar(box, span, **more):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    supports = (support(mesh, "x0"),)
+    more = {"loads": (BodyForce((0.0, 90.0, -300.0)),), **more}
+    return Problem(mesh, Material(1e4, 0.35), supports, more.pop("loads"), span, **more)
+
+
+@pytest.mark.parametrize("integrator", STEPPED)
+def test_energy_of_a_wave_decays_stays_or_is_bounded_as_the_scheme_has_it(box, integrator):
+    periods, steps = 3, 60
+    dt = 4.0 / SPEED / steps
+    problem, shape = wave(box, TimeSpan(periods * steps * dt, dt, 0.0, periods * steps))
+    found = simulate_by(problem, integrator, strain=Strain.LINEAR, displacement=shape)
+    energies = found.kinetic_energies + found.strain_energies
+    # After the first period: BDF2 starts by backward Euler.
+    lost = 1.0 - energies[-1] / energies[steps]
+    omega_dt = 2.0 * math.pi / steps
+    ratio = numerical_damping_ratio(integrator, omega_dt)
+    if ratio:
+        # exp(-2 xi omega t); the mesh's frequency is 0.2 % off.
+        expected = 1.0 - math.exp(-4.0 * math.pi * (periods - 1) * ratio)
+        assert expected > 5e-3
+        assert lost == pytest.approx(expected, rel=0.02)
+    elif integrator.is_implicit:
+        assert np.ptp(energies) < 1e-8 * energies[0]
+    else:
+        # It keeps (v^2 + omega^2 u^2 - omega^2 dt u v) / 2: the energy to omega dt / 2.
+        assert 0.1 * omega_dt < np.ptp(energies) / energies[0] < 1.1 * omega_dt
+        assert abs(energies[::steps] / energies[0] - 1.0).max() < 0.1 * omega_dt
+
+
+@pytest.mark.parametrize("law", list(Law))
+def test_every_law_settles_by_backward_euler_where_statics_has_it(box, law):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    material = example_material(law, 0.35)
+    # Long steps with damping: it creeps to rest.
+    problem = heavy_bar(box, TimeSpan(30.0, 0.3, 20.0, 1))
+    problem = dataclasses.replace(problem, mesh=mesh, material=material)
+    found = simulate_by(problem, Integrator.BACKWARD_EULER)
+    rest = solve_static(dataclasses.replace(problem, time=None), degree=1)
+    size = np.abs(rest.displacement).max()
+    assert size > 0.01
+    assert np.abs(found.displacements[-1] - rest.displacement).max() < 1e-7 * size
+    assert found.largest_residual <= 1e-10
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("element", list(Element))
+def test_steps_end_at_rounding_where_no_tolerance_is_left(box, strain, element):
+    problem = heavy_bar(box, TimeSpan(0.04, 0.01, 1.0, 2))
+    options = {"strain": strain, "element": element, "relative_tolerance": 1e-16}
+    found = simulate_by(problem, Integrator.BACKWARD_EULER, **options)
+    # Strains of I + grad u are rounded as numbers of the size of 1, forces of 1e-3 of that.
+    assert found.largest_residual < 1e-11
+    assert found.newton_iterations < 10 * found.num_steps
+
+
+@pytest.mark.parametrize(
+    ("integrator", "element"),
+    [*((i, Element.LINEAR) for i in STEPPED), (Integrator.BDF2, Element.SMOOTHED)],
+)
+def test_short_steps_come_to_the_explicit_trajectory(box, integrator, element):
+    ends = []
+    for steps in (40, 80):
+        problem = heavy_bar(box, TimeSpan(0.04, 0.04 / steps, 1.0, 1))
+        found = simulate_by(problem, integrator, element=element)
+        ends.append(found.displacements[-1])
+    fine = simulate_explicit(heavy_bar(box, TimeSpan(0.04, 0.04 / 640, 1.0, 1)), element=element)
+    errors = [np.linalg.norm(end - fine.displacements[-1]) for end in ends]
+    size = np.linalg.norm(fine.displacements[-1])
+    assert errors[0] > 1e-6 * size
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(integrator.order, abs=0.2)
+
+
+def test_the_midpoint_rule_is_generalised_alpha_without_dissipation(box):
+    problem = heavy_bar(box, TimeSpan(0.1, 5e-3, 1.0, 5))
+    found = simulate_by(problem, Integrator.IMPLICIT_MIDPOINT)
+    other = simulate_implicit(
+        problem, degree=1, spectral_radius=1.0, is_mass_lumped=True, relative_tolerance=1e-11
+    )
+    size = np.abs(found.displacements).max()
+    assert np.abs(found.displacements - other.displacements).max() < 1e-7 * size
+
+
+@pytest.mark.parametrize("integrator", [Integrator.BACKWARD_EULER, Integrator.BDF2])
+def test_supports_move_and_pressure_follows(box, integrator):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    held, pushed = mesh.facet_groups["x0"], mesh.facet_groups["z1"]
+    ramp = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
+    moved = fixed(held, displacement=(0.0, 0.0, 0.02), amplitude=ramp)
+    problem = Problem(
+        mesh,
+        Material(1e4, 0.35),
+        (moved,),
+        (Pressure(pushed, 30.0),),
+        TimeSpan(12.0, 0.2, 20.0, 12),
+    )
+    found = simulate_by(problem, integrator)
+    still = fixed(held, displacement=(0.0, 0.0, 0.02))
+    rest = solve_static(dataclasses.replace(problem, supports=(still,), time=None), degree=1)
+    size = np.abs(rest.displacement).max()
+    assert found.displacements[1][held[0, 0], 2] == pytest.approx(0.02, rel=1e-12)
+    assert np.abs(found.displacements[-1] - rest.displacement).max() < 1e-3 * size
+
+
+def test_the_child_gives_the_same_and_failures_come_back_typed(box):
+    problem = heavy_bar(box, TimeSpan(0.05, 1e-2, 1.0, 5))
+    there = run_task(SteppedTask(Integrator.BDF2), problem, time_limit=120)
+    here = simulate_by(problem, Integrator.BDF2)
+    assert there.integrator is Integrator.BDF2
+    assert np.array_equal(there.displacements, here.displacements)
+    wild = dataclasses.replace(problem, time=TimeSpan(100.0, 0.1, 0.0, 10))
+    with pytest.raises(ReferenceBlowUpError):
+        run_task(SteppedTask(Integrator.SEMI_IMPLICIT_EULER), wild, time_limit=120)
+
+
+def test_what_it_does_not_know_is_refused(box):
+    problem = heavy_bar(box, TimeSpan(0.05, 1e-2, 1.0, 5))
+    path = ToolPath(
+        np.array([0.0, 1.0]), np.full((2, 3), 9.0), np.tile((1.0, 0.0, 0.0, 0.0), (2, 1))
+    )
+    with pytest.raises(InputError, match="tool"):
+        simulate_by(
+            dataclasses.replace(problem, tools=(RigidTool(PlaneShape(), path),)), Integrator.BDF2
+        )
+
+
+def test_a_step_without_a_solution_says_when(box):
+    # Crushed to nothing within one step: no displacement balances it.
+    problem = heavy_bar(box, TimeSpan(1.0, 1.0, 0.0, 1), loads=(BodyForce((-3e6, 0.0, 0.0)),))
+    with pytest.raises(ReferenceStepError) as caught:
+        simulate_by(problem, Integrator.BACKWARD_EULER)
+    assert caught.value.time == 0.0
+    assert caught.value.displacement.shape == problem.mesh.points.shape
