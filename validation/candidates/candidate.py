@@ -12,13 +12,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim.explicit_body import Precision
-from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.schemes import Integrator
 from palpate.validation.candidates.fastsim import (
     CONDENSED,
+    CORE,
     condensed_refusal,
     name_of,
     run_condensed,
@@ -38,6 +37,7 @@ from palpate.validation.states import (
     CandidateFailedError,
     Elements,
     Method,
+    Precision,
     Progress,
     State,
 )
@@ -102,6 +102,8 @@ def fastsim_candidate(
     Raises:
         DeviceUnavailableError: There is no such device, or Warp is not installed.
     """
+    from palpate.fastsim.gpu.devices import check_device
+
     device = check_device(device)
     used = method if device == CORE else Method.RELAXATION
     return Candidate(

@@ -16,11 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
-from palpate.fastsim.errors import FastsimError
-from palpate.fastsim.explicit_body import Precision
-from palpate.fastsim.gpu.devices import CORE
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
@@ -28,12 +23,15 @@ from palpate.validation.states import (
     CandidateFailedError,
     CellStresses,
     Method,
+    Precision,
     Progress,
     State,
     Trajectory,
 )
 
 CONDENSED = "condensed"
+# The device that is the compiled core.
+CORE = "cpu"
 FOLDER_VARIABLE = "PALPATE_CONDENSED"
 
 
@@ -67,6 +65,8 @@ def run_fastsim(
     Raises:
         CandidateFailedError: It diverged, or returned NaN.
     """
+    from palpate.fastsim.errors import FastsimError
+
     name = name_of(element, device)
     progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
@@ -94,6 +94,9 @@ def run_fastsim(
 
 
 def _stresses(problem: Problem, strain: Strain, element: Element, u: Points) -> CellStresses:
+    from palpate.fastsim.body import Body
+    from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
+
     body = Body.of(problem, strain, element=element)
     return CellStresses(cell_stress(body, u), cauchy_stress(body, u))
 
@@ -106,8 +109,10 @@ def _solve(
     common: dict[str, Any] = {"strain": strain, "element": element, "progress": progress}
     if problem.time is not None:
         from palpate.fastsim.dynamics import simulate
+        from palpate.fastsim.explicit_body import Precision as StepPrecision
 
-        motion = simulate(problem, precision=precision, device=device, **common)
+        steps = StepPrecision[precision.name]
+        motion = simulate(problem, precision=steps, device=device, **common)
         forces = [track.mean_forces for track in motion.tools]
         moving = ("time_step", "critical_time_step", "num_steps")
         return motion.displacements[-1], {
@@ -175,6 +180,7 @@ def run_condensed(
         CandidateFailedError: A tool's contact did not settle.
     """
     from palpate.fastsim.condensed import solve_condensed
+    from palpate.fastsim.errors import FastsimError
     from palpate.validation.metrics.validity import describe_rotation
 
     name = name_of(element, model=CONDENSED)

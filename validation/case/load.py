@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -18,12 +18,12 @@ from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
-from palpate.validation.case.geometry import build_mesh
-from palpate.validation.case.meshing import BuiltMesh
-from palpate.validation.case.problem import build_problem
 from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CaseSpec, CheckSpec
 from palpate.validation.case.schema_keys import choices_of, keys_of, tables_of
+
+if TYPE_CHECKING:
+    from palpate.validation.case.meshing import BuiltMesh
 
 
 class CaseError(InputError):
@@ -318,6 +318,9 @@ class Case:
         Raises:
             InputError: A file that cannot be read, or a surface that cannot be meshed.
         """
+        from palpate.validation.case.geometry import build_mesh
+        from palpate.validation.case.meshing import BuiltMesh
+
         units = self.spec.units
         try:
             built = build_mesh(self.spec, self.folder)
@@ -334,6 +337,8 @@ class Case:
             InputError: A region that selects nothing, a body that floats, a bad value, a check
                 at a place where the mesh has no point, or of a part that is not there.
         """
+        from palpate.validation.case.problem import build_problem
+
         units = self.spec.units
         try:
             problem = build_problem(self.spec, self.folder, self.mesh.mesh)

@@ -95,7 +95,6 @@ def gate(
     ] = False,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
-    from palpate.fastsim.explicit_body import Precision as StepPrecision
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.reference.availability import require_available
     from palpate.validation.candidates.candidate import candidates_for
@@ -119,7 +118,7 @@ def gate(
         time_step=time_step,
         iterations=iterations,
         device=device,
-        precision=StepPrecision.SINGLE if is_single else StepPrecision.DOUBLE,
+        precision=Precision.SINGLE if is_single else Precision.DOUBLE,
         is_condensed=is_condensed(with_),
     )
     candidates = [with_fault(candidate, fault) for candidate in given]

@@ -34,7 +34,6 @@ from palpate.validation.metrics import Number, is_still, make_state
 from palpate.validation.metrics.difference import measures_of
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
 from palpate.validation.references.bars import BarParts
-from palpate.validation.references.geometry import shape_of
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Trajectory, Verdict
 
@@ -71,6 +70,8 @@ class CaseJudge:
 
     def check(self, spec: CheckSpec, candidate: State | None, failure: str = "") -> CheckResult:
         """Judge one check of an answer; `failure` says why there is none."""
+        from palpate.validation.references.geometry import shape_of
+
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
         if not is_truth:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -18,7 +19,6 @@ from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check
 from palpate.validation.judging.checks import metric_of_bar
 from palpate.validation.metrics import Part
-from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.references.stored import (
     MissingReferenceError,
@@ -27,6 +27,9 @@ from palpate.validation.references.stored import (
     references_folder,
 )
 from palpate.validation.states import Progress, State
+
+if TYPE_CHECKING:
+    from palpate.validation.references.adaptive_truth import TruthRequest
 
 
 def find_references(
@@ -115,6 +118,8 @@ def truth_request(case: Case) -> TruthRequest:
     Raises:
         InputError: A check names a part of the body that is not there.
     """
+    from palpate.validation.references.adaptive_truth import TruthRequest
+
     asked, problem, units = case.spec.truth, case.problem, case.spec.units
     metrics: dict[Strain, set[str]] = {strain: set() for strain in Strain}
     parts: dict[Strain, list[tuple[str, Part]]] = {strain: [] for strain in Strain}

@@ -41,7 +41,6 @@ from palpate.validation.judging.results import (
 from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.references.geometry import geometry_notes
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.states import (
@@ -127,6 +126,8 @@ def _judge_one(
     progress: Progress,
 ) -> CaseResult:
     """One candidate with every reference of the case."""
+    from palpate.validation.references.geometry import geometry_notes
+
     problem, element = case.problem, judged.element
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from palpate.fastsim.explicit_body import Precision as StepPrecision
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
@@ -52,7 +51,7 @@ def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
 
 def test_in_single_precision_it_passes_where_that_is_granted() -> None:
     case = load_case("block-motion")
-    single = fastsim_candidate(device=WARP, precision=StepPrecision.SINGLE)
+    single = fastsim_candidate(device=WARP, precision=Precision.SINGLE)
     granted = judge_case(case, candidate=single, precision=Precision.SINGLE)
     found = on_same_mesh(granted)
     assert {verdict for _, verdict in found.values()} == {Verdict.PASSED}
