@@ -44,9 +44,6 @@ def study(
         ),
     ],
     output: Folder,
-    surfaces: Annotated[
-        Path | None, typer.Option(help="of organs: a folder of surfaces to try as well")
-    ] = None,
 ) -> None:
     """Remake a study of the paper, or one of what the answers depend on."""
     from palpate.validation.run_folder import run_folder
@@ -54,7 +51,7 @@ def study(
 
     progress = progress_lines()
     with run_folder(output) as fresh:
-        code = run_study(name, fresh, progress, Console(highlight=False), surfaces=surfaces)
+        code = run_study(name, fresh, progress, Console(highlight=False))
     print(f"{output / 'report.html'}")
     raise typer.Exit(code)
 

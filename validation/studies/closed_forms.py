@@ -7,9 +7,8 @@ E I theta'' = -P cos theta, theta(0) = 0, theta'(L) = 0; x' = cos theta, w' = si
 Stretch of Saint-Venant-Kirchhoff, free or confined: P / stiffness = l (l^2 - 1) / 2, with its
 extreme -1 / (3 sqrt 3) = -0.19245 at l = 1 / sqrt 3.
 
-A rigid sphere on a half space (Hertz): F = 4/3 E* sqrt(R) d^1.5, E* = E / (1 - nu^2), contact
-radius a = sqrt(R d), for small a / R (Johnson 1985, "Contact Mechanics", section 4.2). A flat round
-punch of radius a without friction: F = 2 E* a d (ibid., section 3.5).
+A rigid sphere on a half space (Hertz): contact radius a = sqrt(R d), for small a / R (Johnson 1985,
+"Contact Mechanics", section 4.2).
 """
 
 from __future__ import annotations
@@ -96,18 +95,6 @@ def stretch_under(stress: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if middle * (middle**2 - 1.0) < 2.0 * stress else (low, middle)
     return 0.5 * (low + high)
-
-
-def hertz_force(depth: float, material: Material, radius: float) -> float:
-    """Force of Hertz at a depth [N]."""
-    stiffness = material.youngs_modulus / (1.0 - material.poissons_ratio**2)
-    return 4.0 / 3.0 * stiffness * math.sqrt(radius) * math.pow(depth, 1.5)
-
-
-def punch_force(depth: float, material: Material, radius: float) -> float:
-    """Force of a flat round punch without friction at a depth [N]."""
-    stiffness = material.youngs_modulus / (1.0 - material.poissons_ratio**2)
-    return 2.0 * stiffness * radius * depth
 
 
 def contact_radius(depth: float, radius: float) -> float:

@@ -14,7 +14,6 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.refinement import refine_problem
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
@@ -22,9 +21,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import State, Verdict
-from palpate.validation.studies.csm3 import bar_body
 
 STRETCH = builtin_folder() / "stretch.toml"
 
@@ -175,43 +172,6 @@ def test_fastsim_keeps_it_and_faults_do_not(name: str) -> None:
 def test_under_a_given_load_a_softer_law_is_seen_without_a_reference(name: str) -> None:
     assert published(Fault.SOFTER, name) is Verdict.FAILED
     assert published(Fault.DROPPED_LOAD, name) is Verdict.FAILED
-
-
-@pytest.mark.parametrize("name", ["csm1", "csm2", "csm3"])
-def test_the_turek_hron_mesh_is_the_studys(name: str) -> None:
-    problem = load_case(name).problem
-    mesh, supports, place = bar_body((20, 4, 1))
-    assert np.abs(problem.mesh.points - mesh.points).max() < 1e-15
-    assert np.array_equal(problem.mesh.cells, mesh.cells)
-    for own, known in zip(problem.supports, supports, strict=True):
-        assert np.array_equal(own.points, known.points)
-        assert own.components == known.components
-    (load,) = problem.loads
-    assert isinstance(load, BodyForce)
-    assert load.force_density == (0.0, -2000.0, 0.0)
-    mu = {"csm1": 0.5e6, "csm2": 2e6, "csm3": 0.5e6}[name]
-    assert problem.material.youngs_modulus == pytest.approx(2.8 * mu, rel=1e-14)
-    at = next(c.at for c in load_case(name).checks if c.at)
-    assert np.abs(1e3 * mesh.points[place] - at).max() < 1e-12
-
-
-@pytest.mark.parametrize("name", ["csm1", "csm2"])
-def test_fastsims_own_error_bar_holds_the_published_number(name: str) -> None:
-    problems = [load_case(name).problem]
-    for _ in range(2):
-        problems.append(refine_problem(problems[-1]))
-    place = bar_body((20, 4, 1))[2]
-    values = [1e3 * solve_static(p).displacement[place] for p in reversed(problems)]
-    for component in "xy":
-        axis, target = "xyz".index(component), expected_of(name, component)
-        # Order 2 of linear tetrahedra inside; less at the clamped corners.
-        bar = assess_grid_convergence(
-            [float(v[axis]) for v in values], (1.0, 2.0, 4.0), expected_order=2.0
-        )
-        assert bar.error_bar is not None, bar.behaviour
-        assert abs(bar.value - target) <= bar.error_bar
-        # A bar that says something: half of the number at most.
-        assert bar.error_bar < 0.5 * abs(target)
 
 
 def truth_of(name: str) -> tuple[Problem, State, list[CheckSpec]]:

@@ -23,15 +23,16 @@ from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import held
+from palpate.meshes.bricks import brick_box, held, rollers, side
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.result import ReferenceResult
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import volume_change
 from palpate.validation.studies.closed_forms import contact_radius
-from palpate.validation.studies.contact.sphere import RADIUS, quarter_cube, sphere_into_block
 
 # Part of the squared error that is refined from one mesh to the next.
 PART = 0.2
@@ -210,11 +211,35 @@ COARSE_EDGE = 12e-3  # [m]
 PATCH_RADIUS = 14e-3  # [m]: about a fingertip
 FORCE = (-0.15, 0.04, -0.06)  # [N]: 1.6 mm deep; not along an axis, so that faults show
 MATERIAL = Material(10e3, 0.3)
+RADIUS, SPHERE_BODY = 0.01, Material(5000.0, 0.3)
 DEPTH = 0.05  # radii
 # A quarter block of twenty contact radii: the finest uniform mesh has about one edge to a contact
 # radius, of the coarsest (each side cut in four) a single point touches.
 WIDTH = 20.0 * contact_radius(DEPTH * RADIUS, RADIUS)
 _FIRST_BISECTIONS = 6
+
+
+def quarter_cube(edge: float) -> TetMesh:
+    """Six cells around the diagonal of the cube 0 <= x, y <= edge, -edge <= z <= 0 [m]."""
+    cube = brick_box((1, 1, 1), (edge, edge, edge))
+    return TetMesh(cube.points - [0.0, 0.0, edge], cube.cells)
+
+
+def sphere_into_block(mesh: TetMesh, depths: Sequence[float]) -> Problem:
+    """Sphere above the origin of a quarter block, pressed to depths [radii], the first 0.
+
+    Two sides are planes of symmetry, the bottom does not sink, the outer sides are free. The
+    sphere may touch facets of the top within its own radius.
+    """
+    width = float(mesh.points[:, 0].max())
+    supports = rollers(mesh, ((0, 0.0), (1, 0.0), (2, -width)))
+    top = side(mesh, 2, 0.0)
+    is_near = (np.linalg.norm(mesh.points[top][:, :, :2], axis=2) < RADIUS).any(axis=1)
+    times = np.arange(len(depths), dtype=np.float64)
+    positions = np.zeros((len(depths), 3))
+    positions[:, 2] = RADIUS * (1.0 - np.array(depths))
+    tool = RigidTool(SphereShape(RADIUS), ToolPath(times, positions), contact_facets=top[is_near])
+    return Problem(mesh, SPHERE_BODY, supports, (), tools=(tool,))
 
 
 def push_scene() -> Scene:
