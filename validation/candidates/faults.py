@@ -26,7 +26,7 @@ from palpate.validation.states import Progress, State
 
 
 class CannotShowError(InputError):
-    """A fault of what a case or its answer has not; the message says where it shows."""
+    """A fault of what a case or its result has not; the message says where it shows."""
 
 
 class Fault(StrEnum):
@@ -34,7 +34,7 @@ class Fault(StrEnum):
 
     meaning: str
 
-    NONE = "none", "nothing is spoiled"
+    NONE = "none", "nothing is corrupted"
     SOFTER = "softer", "Young's modulus 2 % too small"
     SWAPPED_LAME = "swapped-lame", "Lame's two parameters exchanged"
     WRONG_MASS = "wrong-mass", "density 2 % too large, the weight as it was"
@@ -43,10 +43,10 @@ class Fault(StrEnum):
     REVERSED_LOAD = "reversed-load", "every load the other way"
     DROPPED_TOOL = "dropped-tool", "the last tool left out"
     REVERSED_TOOL_FORCE = "reversed-tool-force", "the force on each tool the other way"
-    MIRRORED = "mirrored", "y of the answer has the wrong sign"
+    MIRRORED = "mirrored", "y of the result has the wrong sign"
     MIRRORED_MESH = "mirrored-mesh", "the body solved in the mirror"
     LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green", "linear strain in place of Green's"
-    INVERTED_CELL = "inverted-cell", "one cell of the answer turned inside out"
+    INVERTED_CELL = "inverted-cell", "one cell of the result turned inside out"
     INNER_NODES = "inner-nodes", "garbage between the points of the case"
     UNIT_ERROR = "unit-error", "millimetres sent as metres"
     SHIFTED_NUMBERS = "shifted-numbers", "points numbered one off"
@@ -63,7 +63,7 @@ class Fault(StrEnum):
         return fault
 
 
-# They spoil what only a motion has.
+# They corrupt what only a motion has.
 OF_MOTION = (
     Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.LAST_STATE_REPEATED, Fault.EVERY_SECOND_STATE,
     Fault.LATE,
@@ -72,12 +72,12 @@ OF_LOADS = (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD)
 OF_TOOLS = (Fault.DROPPED_TOOL, Fault.REVERSED_TOOL_FORCE)
 
 
-def spoil_problem(problem: Problem, fault: Fault) -> Problem:
+def corrupt_problem(problem: Problem, fault: Fault) -> Problem:
     """The problem as the faulty candidate understands it.
 
     Raises:
         CannotShowError: A fault of motion in a static problem, or of loads or tools where there
-            are none: nothing would be spoiled.
+            are none: nothing would be corrupted.
     """
     for faults, is_there, key, others in (
         (OF_MOTION, problem.time, "[time]", "block-motion or wave"),
@@ -125,60 +125,60 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
             return problem
 
 
-def spoil_strain(strain: Strain, fault: Fault) -> Strain:
+def corrupt_strain(strain: Strain, fault: Fault) -> Strain:
     """The strain measure that the faulty candidate uses."""
     return Strain.LINEAR if fault is Fault.LINEAR_INSTEAD_OF_GREEN else strain
 
 
-def spoil_displacement(
+def corrupt_displacement(
     mesh: TetMesh, displacement: NDArray[np.float64], fault: Fault
 ) -> NDArray[np.float64]:
-    """The answer as the faulty candidate writes it, (num_times, num_points, 3)."""
-    spoiled = displacement.copy()
+    """The displacement as the faulty candidate writes it, (num_times, num_points, 3)."""
+    corrupted = displacement.copy()
     match fault:
         case Fault.MIRRORED:
-            spoiled[..., 1] *= -1.0
+            corrupted[..., 1] *= -1.0
         case Fault.UNIT_ERROR:
-            spoiled *= 1000.0
+            corrupted *= 1000.0
         case Fault.SHIFTED_NUMBERS:
-            spoiled = np.roll(displacement, 1, axis=-2)
+            corrupted = np.roll(displacement, 1, axis=-2)
         case Fault.NAN:
-            spoiled[..., displacement.shape[-2] // 2, 0] = np.nan
+            corrupted[..., displacement.shape[-2] // 2, 0] = np.nan
         case Fault.LAST_STATE_REPEATED:
-            spoiled[:] = displacement[-1]
+            corrupted[:] = displacement[-1]
         case Fault.EVERY_SECOND_STATE:
-            spoiled[1:-1:2] = 0.0
+            corrupted[1:-1:2] = 0.0
         case Fault.LATE:
-            spoiled[1:] = displacement[:-1]
+            corrupted[1:] = displacement[:-1]
         case Fault.INVERTED_CELL:
             cell = int(signed_volumes(mesh.points, mesh.cells).argmin())
             corner, *others = mesh.cells[cell]
             # A little beyond the opposite facet: that cell alone has to turn inside out.
             moved = (mesh.points + displacement)[..., others, :].mean(axis=-2)
             own = (mesh.points + displacement)[..., corner, :]
-            spoiled[..., corner, :] += 1.05 * (moved - own)
+            corrupted[..., corner, :] += 1.05 * (moved - own)
         case _:
             pass
-    return spoiled
+    return corrupted
 
 
-def spoil_tool_forces(
+def corrupt_tool_forces(
     forces: NDArray[np.float64] | None, fault: Fault
 ) -> NDArray[np.float64] | None:
     """The forces on the tools as the faulty candidate writes them."""
     if forces is None:
         return None
-    spoiled = forces.copy()
+    corrupted = forces.copy()
     match fault:
         case Fault.REVERSED_TOOL_FORCE:
-            spoiled *= -1.0
+            corrupted *= -1.0
         case Fault.LAST_STATE_REPEATED:
-            spoiled[:] = forces[:, -1:]
+            corrupted[:] = forces[:, -1:]
         case Fault.LATE:
-            spoiled[:, 1:], spoiled[:, 0] = forces[:, :-1], 0.0
+            corrupted[:, 1:], corrupted[:, 0] = forces[:, :-1], 0.0
         case _:
             pass
-    return spoiled
+    return corrupted
 
 
 def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
@@ -187,18 +187,18 @@ def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
         return candidate
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        given = spoil_problem(problem, fault)
-        right = candidate.solve(given, spoil_strain(strain, fault), progress)
+        given = corrupt_problem(problem, fault)
+        right = candidate.solve(given, corrupt_strain(strain, fault), progress)
         result = as_result(right)
         mesh = problem.mesh if right.own is None else right.own.mesh
         if fault is Fault.INNER_NODES:
-            spoiled = _spoil_inner_nodes(problem, right, result.values)
+            corrupted = _corrupt_inner_nodes(problem, right, result.values)
         else:
-            spoiled = spoil_displacement(mesh, result.values, fault)
-        forces = spoil_tool_forces(right.tool_forces, fault)
+            corrupted = corrupt_displacement(mesh, result.values, fault)
+        forces = corrupt_tool_forces(right.tool_forces, fault)
         changed = dataclasses.replace(
             result,
-            values=spoiled,
+            values=corrupted,
             points=None if right.own is None else mesh.points,
             about=_about(dataclasses.replace(right, tool_forces=forces)),
         )
@@ -210,27 +210,27 @@ def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
     return dataclasses.replace(candidate, solve=solve, notes=(*candidate.notes, note))
 
 
-def _spoil_inner_nodes(
+def _corrupt_inner_nodes(
     problem: Problem, right: State, values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Garbage of the size of the displacement wherever no point of the case lies."""
     if right.own is None:
         raise CannotShowError(
-            f"fault {Fault.INNER_NODES}: the answer is at the case's own points and has no others"
+            f"fault {Fault.INNER_NODES}: the result is at the case's own points and has no others"
         )
     known = {point.tobytes() for point in problem.mesh.points + 0.0}
     inner = np.array([point.tobytes() not in known for point in right.own.mesh.points + 0.0])
-    spoiled = values.copy()
+    corrupted = values.copy()
     size = float(np.abs(values).max())
     shape = (len(values), int(inner.sum()), 3)
-    spoiled[:, inner] = np.random.default_rng(11).uniform(-size, size, shape)
-    return spoiled
+    corrupted[:, inner] = np.random.default_rng(11).uniform(-size, size, shape)
+    return corrupted
 
 
 def on_own_mesh(candidate: Candidate) -> Candidate:
-    """The candidate on the case's mesh cut in eight, which it sends with its answer.
+    """The candidate on the case's mesh cut in eight, which it sends with its result.
 
-    Its points are numbered from the last to the first: nothing but their places tells where
+    Its points are numbered from the last to the first: nothing but their positions shows which
     they are.
     """
 
@@ -256,7 +256,7 @@ def as_result(state: State) -> ResultFile:
     motion, own = state.given, state.own
     values = state.displacement[None] if motion is None else motion.displacements
     return ResultFile(
-        Path("answer"),
+        Path("result"),
         values if own is None else own.displacements,
         are_positions=False,
         times=None if motion is None else motion.times,
@@ -267,7 +267,7 @@ def as_result(state: State) -> ResultFile:
 
 
 def _about(state: State) -> dict[str, object]:
-    """What a simulator says of itself that matters to how its answer is judged."""
+    """What a simulator says of itself that matters to how its result is judged."""
     about: dict[str, object] = {}
     if state.tool_forces is not None:
         about["tool_forces"] = state.tool_forces

@@ -41,7 +41,7 @@ NOT_POSED = 77
 
 
 class CannotPoseError(CandidateFailedError):
-    """The program says that the case is not for it: no answer, but no wrong one either."""
+    """The program says that the case is not for it: no result, but no wrong one either."""
 
 
 class CommandError(InputError):

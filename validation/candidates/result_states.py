@@ -34,7 +34,7 @@ def state_of_result(
     """What a simulator sent, as a state of the problem: its last one where it has times.
 
     Raises:
-        ResultFileError: It answers another case, cannot be placed, or its times do not fit.
+        ResultFileError: It is of another case, cannot be placed, or its times do not fit.
         CandidateFailedError: NaN, or a body of quite another size.
     """
     if result.case_key and result.case_key != case_key(problem, strain):
@@ -130,7 +130,7 @@ def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]
         remarks.append(
             f"{num_between} of {len(times)} states were sent at other times than the outputs: "
             "there is nothing to compare them with; they are looked at for inverted cells, and for "
-            "places that the body cannot get to in time."
+            "positions that the body cannot get to in time."
         )
     if num_late:
         remarks.append(f"{num_late} of {len(times)} states come after the end: not judged.")

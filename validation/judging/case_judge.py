@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.candidates.faults import Fault, spoil_displacement
+from palpate.validation.candidates.faults import Fault, corrupt_displacement
 from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check
 from palpate.validation.case.schema import CheckSpec
@@ -218,7 +218,7 @@ def wrong_answers(problem: Problem, reference: State) -> Iterator[State]:
         ("every second state still", Fault.EVERY_SECOND_STATE),
     ):
         if reference.trajectory is not None:
-            change = partial(spoil_displacement, problem.mesh, fault=fault)
+            change = partial(corrupt_displacement, problem.mesh, fault=fault)
             yield _from(problem, reference, label, change, keeps_tool_forces=True)
 
 

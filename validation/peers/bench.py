@@ -30,7 +30,7 @@ class Scene:
         size: For the rows.
         job: Plain arrays for the adapters.
         columns: More for the rows, the same in all.
-        finish: Adds what follows from the answers, from the rows of all tools and from those of
+        finish: Adds what follows from the results, from the rows of all tools and from those of
             earlier scenes: finish(rows, children, earlier).
     """
 
@@ -53,7 +53,7 @@ class Benchmark:
         measure_work: Of one step, for the rate.
         rate_unit: Of that work over seconds.
         same: Columns in which rows must agree to be compared.
-        table: Columns worth a place on the terminal beside `COMMON`; all, where it is empty.
+        table: Columns worth showing on the terminal beside `COMMON`; all, where it is empty.
         remark: What the summary says beside the rates, of our rows that are alike in `same`,
             and of those of the rivals, the quickest first.
     """
@@ -214,13 +214,13 @@ def describe_machine() -> dict[str, Any]:
 
 def _memory_and_load() -> dict[str, float]:
     """What of both the system tells; Windows neither, by these calls."""
-    told: dict[str, float] = {}
+    found: dict[str, float] = {}
     if hasattr(os, "sysconf"):
         pages = os.sysconf("SC_PHYS_PAGES")
-        told["memory_mb"] = round(os.sysconf("SC_PAGE_SIZE") * pages / 2**20)
+        found["memory_mb"] = round(os.sysconf("SC_PAGE_SIZE") * pages / 2**20)
     if hasattr(os, "getloadavg"):
-        told["load_average"] = round(os.getloadavg()[0], 2)
-    return told
+        found["load_average"] = round(os.getloadavg()[0], 2)
+    return found
 
 
 def _processor() -> str:

@@ -1,6 +1,6 @@
-"""`palpate bench collision`: who touches whom, ours beside collision libraries.
+"""`palpate bench collision`: who touches which, ours beside collision libraries.
 
-Two bodies that deform in every step, and within them. All tools get the same points and answer the
+Two bodies that deform in every step, and within them. All tools get the same points and get the
 same query: in which cells of the other body vertices lie. Trees are refitted (Warp) or built anew
 (Embree) in every step, our hash is filled anew. Each timing goes round all frames of the motion.
 
@@ -108,7 +108,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def _finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
-    compare(rows, [child.answer["pairs"] for child in children])
+    compare(rows, [child.result["pairs"] for child in children])
     for row in rows:
         row["times_ours"] = row["seconds"] / rows[0]["seconds"]
     if rows[0]["against"] != "other":
@@ -116,11 +116,11 @@ def _finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
         rows[0]["seconds_within"] = rows[0]["seconds"] - alone["seconds"]
 
 
-def compare(rows: Sequence[Row], answers: Sequence[NDArray[np.generic]]) -> None:
+def compare(rows: Sequence[Row], results: Sequence[NDArray[np.generic]]) -> None:
     """Pairs, missed and extra, of the first frame: ours, the first, are those of brute force."""
-    ours = keys_of(answers[0])
-    for row, answer in zip(rows, answers, strict=True):
-        keys = keys_of(answer)
+    ours = keys_of(results[0])
+    for row, pairs in zip(rows, results, strict=True):
+        keys = keys_of(pairs)
         # Rays know vertices alone.
         expected = vertices_of(ours) if row["tool"] == RAYS else ours
         row["pairs"] = len(np.intersect1d(keys, expected))

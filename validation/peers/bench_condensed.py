@@ -1,12 +1,12 @@
 """`palpate bench condensed`: the condensed linear model under a ball, tick by tick.
 
-A kidney held on its back; a ball is pressed 5 mm into it and drawn in a circle, 0.03 mm a tick.
+A kidney fixed on its back; a ball is pressed 5 mm into it and drawn in a circle, 0.03 mm a tick.
 Rows have, over the ticks of the circle: seconds (processor time of a tick, median) with rate, its
 reciprocal; contacts (median); tick_99_ms; share_above the limit of LIMIT_MS. Besides: late_of_1khz,
-the share of ticks not done in their millisecond by the clock, which feels what else the machine
-does; build_seconds; said_mb, the memory told beforehand, found_mb, by how much the process grew
+the fraction of ticks not done in their millisecond by the clock, which feels what else the machine
+does; build_seconds; said_mb, the memory stated beforehand, found_mb, by how much the process grew
 while the model was made, and kept_mb; full_seconds, of a linear solve on the whole mesh under the
-last tick's forces, and times_full; difference of the two answers, over the largest displacement.
+last tick's forces, and times_full; difference of the two solutions, over the largest displacement.
 """
 
 from __future__ import annotations
@@ -69,30 +69,30 @@ def summary(found: Sequence[Row]) -> list[str]:
 
 
 def kidney(edge_length: float) -> Problem:
-    """A kidney held on its back, a ball above its front.
+    """A kidney fixed on its back, a ball above its front.
 
     Args:
         edge_length: [m].
     """
     mesh = mesh_surface(shape_kidney(edge_length=edge_length))
     surface = np.unique(mesh.boundary_facets)
-    held = surface[mesh.points[surface, 1] < -0.024].astype(np.int32)
+    fixed = surface[mesh.points[surface, 1] < -0.024].astype(np.int32)
     middle = surface[np.hypot(*mesh.points[surface][:, ::2].T) < 1.5 * edge_length]
     start = np.array([[0.0, mesh.points[middle, 1].max() + _RADIUS, 0.0]])
     ball = RigidTool(SphereShape(_RADIUS), ToolPath(np.zeros(1), start))
-    return Problem(mesh, Material(1e4, 0.45, 1000.0), (Support(held),), (), tools=(ball,))
+    return Problem(mesh, Material(1e4, 0.45, 1000.0), (Support(fixed),), (), tools=(ball,))
 
 
 def way(start: Points, num_ticks: int) -> Points:
     """Where the ball is, tick by tick: a quarter of them down, all of them round [m]."""
     down = _DEPTH * np.linspace(0.0, 1.0, num_ticks // 4)
     turned = np.linspace(0.0, 2.0 * np.pi, num_ticks)
-    places = np.tile(start, (len(down) + num_ticks, 1))
-    places[: len(down), 1] -= down
-    places[len(down) :, 1] -= _DEPTH
-    places[len(down) :, 0] += _CIRCLE * np.sin(turned)
-    places[len(down) :, 2] += _CIRCLE * (1.0 - np.cos(turned))
-    return places
+    positions = np.tile(start, (len(down) + num_ticks, 1))
+    positions[: len(down), 1] -= down
+    positions[len(down) :, 1] -= _DEPTH
+    positions[len(down) :, 0] += _CIRCLE * np.sin(turned)
+    positions[len(down) :, 2] += _CIRCLE * (1.0 - np.cos(turned))
+    return positions
 
 
 def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: int) -> list[Row]:
@@ -100,7 +100,7 @@ def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: i
 
     Args:
         problem: With one tool, on the surface.
-        progress: Told what is done.
+        progress: Called with what is done.
         num_ticks: Of one circle.
         clocked: Ticks by the clock, one a millisecond.
     """
@@ -128,22 +128,22 @@ def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: i
 def _touched(model: CondensedModel, progress: Progress, num_ticks: int, clocked: int) -> Row:
     body = CondensedBody(model)
     (ball,) = body.tools
-    places = way(ball.position, num_ticks)
-    num_down = len(places) - num_ticks
-    progress(f"{len(places)} ticks of {len(model.touched)} points, {model.precision} precision")
-    spent, contacts = np.zeros(len(places)), np.zeros(len(places))
-    # The first time round fills caches and gathers columns, as a hand's first second does.
+    positions = way(ball.position, num_ticks)
+    num_down = len(positions) - num_ticks
+    progress(f"{len(positions)} ticks of {len(model.touched)} points, {model.precision} precision")
+    spent, contacts = np.zeros(len(positions)), np.zeros(len(positions))
+    # The first time round fills caches and gathers columns, as a user's first second does.
     for _ in range(2):
-        for tick, place in enumerate(places):
+        for tick, position in enumerate(positions):
             begin = time.thread_time()
-            ball.move_to(place)
+            ball.move_to(position)
             body.step()
             force = ball.force
             spent[tick] = time.thread_time() - begin
             contacts[tick] = body.touching
     circle = 1e3 * spent[num_down:]
     progress(f"{clocked} ticks by the clock, one a millisecond")
-    late = _late(body, places, clocked)
+    late = _late(body, positions, clocked)
     progress("a linear solve on the whole mesh under the same forces")
     begin = time.process_time()
     full = _solved_in_full(model, body.contact_forces)[body.points]
@@ -181,8 +181,8 @@ def _solved_in_full(model: CondensedModel, forces: Points) -> Points:
     ).displacement
 
 
-def _late(body: CondensedBody, places: Points, count: int) -> float:
-    """The share of ticks that are not done when the next one begins, one a millisecond."""
+def _late(body: CondensedBody, positions: Points, count: int) -> float:
+    """The fraction of ticks that are not done when the next one begins, one a millisecond."""
     (ball,) = body.tools
     late = 0
     begin = time.perf_counter()
@@ -193,8 +193,8 @@ def _late(body: CondensedBody, places: Points, count: int) -> float:
             if left > 4e-4:
                 time.sleep(left - 3e-4)
         # There and back, so that no tick jumps.
-        step = tick % (2 * len(places))
-        ball.move_to(places[-1 - min(step, 2 * len(places) - 1 - step)])
+        step = tick % (2 * len(positions))
+        ball.move_to(positions[-1 - min(step, 2 * len(positions) - 1 - step)])
         body.step()
         late += time.perf_counter() > due + 1e-3
     return late / count

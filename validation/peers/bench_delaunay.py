@@ -49,7 +49,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
     def finish(rows: list[Row], children: list[Child], _earlier: list[Row]) -> None:
         for row, child in zip(rows, children, strict=True):
-            row["cells"] = int(child.answer["num_cells"])
+            row["cells"] = int(child.result["num_cells"])
 
     with scratch_folder("bench") as folder:
         for kind in ("random", "grid", "sphere") if size == SHAPES_SIZE else ("random",):

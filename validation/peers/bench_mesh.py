@@ -69,7 +69,7 @@ def make_surface(kind: str, size: int) -> TriSurface:
     with timed((tool,), "Surface", job, Schedule(turns=1), said.append) as children:
         if not children:
             raise ChildFailedError(said[0] if said else f"{tool.name} is missing; {tool.install}")
-        made = children[0].answer
+        made = children[0].result
     used, numbers = np.unique(made["facets"], return_inverse=True)
     facets = numbers.reshape(-1, 3).astype(np.int32)
     surface = TriSurface(np.ascontiguousarray(made["points"][used]), facets)
@@ -92,15 +92,15 @@ def make_scenes(size: int, progress: Progress) -> Iterator[Scene]:
             surface: TriSurface = surface,
         ) -> None:
             for row, child in zip(rows, children, strict=True):
-                row |= measure(surface, child.answer)
+                row |= measure(surface, child.result)
 
         job = {"points": surface.points, "facets": surface.facets}
         yield Scene(surface.num_facets, job, {"surface": kind}, finish)
 
 
-def measure(surface: TriSurface, answer: Mapping[str, Any]) -> Row:
+def measure(surface: TriSurface, result: Mapping[str, Any]) -> Row:
     """What a mesh is worth; of one with inverted cells no more than that."""
-    points, cells = answer["points"], answer["cells"].astype(np.int32)
+    points, cells = result["points"], result["cells"].astype(np.int32)
     # About a local origin, so that the sum keeps its digits.
     volumes = signed_volumes(points - surface.points.mean(axis=0), cells)
     inverted = int((volumes <= 0.0).sum())

@@ -34,9 +34,9 @@ TOOLS = (Tool(OURS, "ours"), *tools_for("static"))
 def beam_problem(size: int) -> Problem:
     """A beam of 1 x 0.1 x 0.1 m, bent by about 4 % of its length."""
     mesh = brick_box(BEAMS[size], (1.0, 0.1, 0.1))
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     return Problem(
-        mesh, Material(1e6, 0.3, 1000.0), (Support(held),), (BodyForce((0.0, 0.0, -300.0)),)
+        mesh, Material(1e6, 0.3, 1000.0), (Support(fixed),), (BodyForce((0.0, 0.0, -300.0)),)
     )
 
 
@@ -50,7 +50,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
     def finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
         linear = {(row["tool"], row["version"]): row for row in earlier if row["size"] == size}
         for row, child in zip(rows, children, strict=True):
-            row["tip_displacement"] = float(child.answer["displacement"][tip, 2])
+            row["tip_displacement"] = float(child.result["displacement"][tip, 2])
             row["iterations"], row["solver"] = row.pop("newton_iterations"), row.pop("method")
             row.setdefault("linear_iterations", None)
             if row["strain"] == "green" and (partner := linear.get((row["tool"], row["version"]))):

@@ -75,17 +75,17 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
     mesh = SIZES[size]()
     body = Body(mesh, TISSUE)
     low, high = mesh.points[:, 0].min(), mesh.points[:, 0].max()
-    held = np.flatnonzero(mesh.points[:, 0] < low + 0.02 * (high - low)).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < low + 0.02 * (high - low)).astype(np.int32)
     test = np.random.default_rng(1).uniform(-0.1, 0.1, mesh.points.shape)
     test *= (6.0 * mesh.volume / mesh.num_cells) ** (1.0 / 3.0)
-    test[held] = 0.0
+    test[fixed] = 0.0
     force = body.internal_force(test)
     time_step = SAFETY * body.critical_time_step()
 
     def finish(rows: list[Row], children: list[Child], _earlier: list[Row]) -> None:
         for row, child in zip(rows, children, strict=True):
-            if "force" in child.answer:
-                difference = np.nanmax(np.abs(child.answer["force"] - force))
+            if "force" in child.result:
+                difference = np.nanmax(np.abs(child.result["force"] - force))
                 row["relative_force_error"] = float(difference / np.abs(force).max())
             if row["tool"] != OURS:
                 continue
@@ -108,7 +108,7 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
 
     yield Scene(
         mesh.num_cells,
-        rest_arrays(Problem(mesh, TISSUE, (Support(held),), (BodyForce(WEIGHT),)))
+        rest_arrays(Problem(mesh, TISSUE, (Support(fixed),), (BodyForce(WEIGHT),)))
         | {"time_step": time_step, "mass_damping": MASS_DAMPING, "test_displacement": test},
         {"body": "kidney" if size == KIDNEY else "box"},
         finish,

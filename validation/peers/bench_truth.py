@@ -40,7 +40,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
     def finish(rows: list[Row], children: list[Child], _earlier: list[Row]) -> None:
         for row, child in zip(rows, children, strict=True):
-            moved = np.linalg.norm(child.answer["displacement"], axis=1)
+            moved = np.linalg.norm(child.result["displacement"], axis=1)
             row["max_displacement"] = float(moved.max())
             row["kb_per_unknown"] = row["peak_memory_mb"] * 1024.0 / size
             row["ms_per_unknown"] = row["wall_seconds"] * 1000.0 / size
@@ -49,7 +49,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def remark(ours: list[Row], rivals: list[Row]) -> list[str]:
-    """How far the answers are apart."""
+    """How far the results are apart."""
     one = ours[0]["max_displacement"]
     return [
         f"largest displacements {abs(row['max_displacement'] - one) / one:.1g} apart"

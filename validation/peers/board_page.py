@@ -249,6 +249,7 @@ def causes_svg(labels: Sequence[str], scores: Sequence[Score]) -> str:
         axes.set_yticks(range(len(rows)), [visible(label) for label, _ in rows])
         axes.invert_yaxis()
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.set_axisbelow(True)
         axes.axvline(0.0, color="#5c6670", lw=0.8)
         axes.legend(ncols=len(_COLOURS), loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
         tidy(axes)

@@ -2,7 +2,7 @@
 
 A truth is a case's stored one, or is solved here under another law; what is solved here is cached.
 Of a motion there are references by the steps that a simulator states besides, so that what scheme
-and step do is told apart from what the solver leaves.
+and step do is kept apart from what the solver leaves.
 
 Which law a result follows, where that is not the stated one: in statics every law that the judge
 knows is tried on the result, by what it leaves of the equations. Newton's method then goes from the
@@ -104,7 +104,7 @@ def _made_by() -> tuple[str, ...]:
 
 def _cached(cache: Cache, name: str, key: str) -> ReferenceSet | None:
     try:
-        references, made_for, _ = read_reference(cache.path(name, key, ".npz"))
+        references, made_for = read_reference(cache.path(name, key, ".npz"))
     except (MissingReferenceError, UntrustedReferenceError):
         return None
     return references if made_for == key else None

@@ -94,22 +94,24 @@ def compute(progress: Progress) -> Runs:
         left_out.append(line)
         progress(line)
 
-    answers: dict[int, Points] = {}
+    solutions: dict[int, Points] = {}
     us = ("fastsim", version_of("palpate"), STVK, "Newton, conjugate gradients")
     for n, problem in problems.items():
-        seconds, answers[n] = time_fastsim(problem)
-        error = truth.error_of(problem.mesh, answers[n])
+        seconds, solutions[n] = time_fastsim(problem)
+        error = truth.error_of(problem.mesh, solutions[n])
         rows.append(Row(*us, problem.mesh.num_cells, seconds, error, 0.0))
     rows += [
-        row for n, problem in problems.items() for row in time_condensed(problem, answers[n], truth)
+        row
+        for n, problem in problems.items()
+        for row in time_condensed(problem, solutions[n], truth)
     ]
-    rows += run_installed(problems, answers, truth, progress, leave_out)
+    rows += run_installed(problems, solutions, truth, progress, leave_out)
     return Runs(rows, left_out, truth.change_of(coarser))
 
 
 def run_installed(
     problems: Mapping[int, Problem],
-    answers: Mapping[int, Points],
+    solutions: Mapping[int, Points],
     truth: FieldTruth,
     progress: Progress,
     leave_out: Progress,
@@ -119,7 +121,7 @@ def run_installed(
 
     Args:
         problems: By number of divisions.
-        answers: fastsim's solutions with plain linear tetrahedra, likewise [m].
+        solutions: fastsim's solutions with plain linear tetrahedra, likewise [m].
         truth: What errors are measured against.
         progress: Called before each run.
         leave_out: Called with what is not run to its end, and why.
@@ -138,7 +140,7 @@ def run_installed(
         for n, problem in given.items():
             if n > peer.frontier:
                 break
-            ours = None if peer.is_quadratic else answers[n]
+            ours = None if peer.is_quadratic else solutions[n]
             try:
                 rows.append(_run_peer(simulator, problem, ours, truth, progress))
             except CandidateFailedError as failure:

@@ -83,7 +83,6 @@ class Peer(_Model):
         title: For people.
         law: That it solves; a case's body follows it in the place of the case's own.
         compiles: Whether its first run here compiles what later ones find.
-        is_quadratic: Whether it has quadratic tetrahedra on the case's mesh.
         adapter: Its file in the folder of adapters, without .py.
         options: For its adapter.
         module: That its interpreter must have; "" for a program on the path.
@@ -103,7 +102,6 @@ class Peer(_Model):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
     title: str = Field(min_length=1)
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
-    is_quadratic: bool = False
     compiles: bool = False
     adapter: str = ""
     options: dict[str, Any] = Field(default_factory=dict)
@@ -124,6 +122,11 @@ class Peer(_Model):
     def is_outside(self) -> bool:
         """Whether it is somebody else's."""
         return self.element is None
+
+    @property
+    def is_quadratic(self) -> bool:
+        """Whether it has quadratic tetrahedra on the case's mesh."""
+        return self.options.get("degree") == 2
 
     @property
     def adapter_lines(self) -> int:
@@ -152,7 +155,7 @@ class Peer(_Model):
         return f"not installed here: {self.install}{where}"
 
     def sources_hash(self) -> str:
-        """SHA-256 over what runs it: its adapter and the parts that it shares, or a command.
+        """SHA-256 over what runs it: its adapter and the files that this imports, or a command.
 
         Of a command also the files that it names; of an adapter the versions of what it runs.
         """

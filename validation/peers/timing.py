@@ -30,7 +30,7 @@ _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SO
 
 
 class ChildFailedError(RuntimeError):
-    """A tool gave no answer; the message says how it ended."""
+    """A tool gave no result; the message says how it ended."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,10 @@ class Child:
         self._ends = contextlib.ExitStack()
         self._process = self._ends.enter_context(contextlib.ExitStack())
         folder = self._ends.enter_context(scratch_folder("bench"))
-        self._job, self._answer = folder / "job.npz", folder / "answer.npz"
+        self._job, self._result = folder / "job.npz", folder / "result.npz"
         np.savez(self._job, **job, **tool.options)
         programs = (interpreter, HARNESS, ADAPTERS / f"{tool.adapter}.py")
-        self._command = [*map(str, (*programs, task, self._job, self._answer))]
+        self._command = [*map(str, (*programs, task, self._job, self._result))]
 
     def start(self) -> None:
         """Set the tool up in a new process.
@@ -109,9 +109,9 @@ class Child:
         self.version, self.precision = about.get("version", ""), about.get("precision", "")
 
     @property
-    def answer(self) -> dict[str, NDArray[Any]]:
-        """The arrays that the tool answered last."""
-        with np.load(self._answer) as stored:
+    def result(self) -> dict[str, NDArray[Any]]:
+        """The arrays of the tool's last result."""
+        with np.load(self._result) as stored:
             return {name: stored[name] for name in stored.files}
 
     def time(self) -> None:
@@ -133,7 +133,7 @@ class Child:
         return count
 
     def _time(self, num_steps: int) -> dict[str, Any]:
-        with contextlib.suppress(BrokenPipeError):  # the answer says why
+        with contextlib.suppress(BrokenPipeError):  # what is read next says why
             self._say.write(f"{num_steps}\n")
             self._say.flush()
         timing = self._read()
@@ -147,7 +147,7 @@ class Child:
         return float(min(timing[clock] for timing in self.timings[first:] or self.timings))
 
     def close(self) -> None:
-        """End the process and forget the answer."""
+        """End the process and forget the result."""
         self._ends.close()
 
     def _read(self) -> dict[str, Any]:
@@ -158,8 +158,8 @@ class Child:
         is_late = not timer.is_alive()
         timer.cancel()
         if line:
-            answer: dict[str, Any] = json.loads(line)
-            return answer
+            words: dict[str, Any] = json.loads(line)
+            return words
         if is_late:
             raise ChildFailedError(f"not done within {self._schedule.time_limit:g} s")
         self._errors.seek(0)
@@ -178,7 +178,7 @@ def timed(
     """Set tools up for a task, and time them in turns.
 
     Each runs in the first interpreter that has what it needs, our own in this one. A rival that is
-    not installed is left out; so is one that fails or does not fit the job, and `progress` is told.
+    not installed is left out; so is one that fails or does not fit the job, and `progress` says so.
 
     Raises:
         ChildFailedError: Our own failed.

@@ -48,20 +48,20 @@ def test_swapped_lame_parameters_are_those_of_the_problem_exchanged(problem: Pro
         E, nu = of.material.youngs_modulus, of.material.poissons_ratio
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
-    lmbda, mu = lame(faults.spoil_problem(problem, Fault.SWAPPED_LAME))
+    lmbda, mu = lame(faults.corrupt_problem(problem, Fault.SWAPPED_LAME))
     assert (mu, lmbda) == pytest.approx(lame(problem), rel=1e-12)
 
 
 def test_without_a_poissons_ratio_lames_parameters_cannot_be_exchanged() -> None:
     with pytest.raises(faults.CannotShowError, match="Poisson's ratio of 0"):
-        faults.spoil_problem(load_case("turned").problem, Fault.SWAPPED_LAME)
+        faults.corrupt_problem(load_case("turned").problem, Fault.SWAPPED_LAME)
 
 
 def test_an_inverted_cell_is_one_or_its_neighbours(
     problem: Problem,
     answer: np.ndarray,  # type: ignore[type-arg]
 ) -> None:
-    (spoiled,) = faults.spoil_displacement(problem.mesh, answer[None], Fault.INVERTED_CELL)
+    (spoiled,) = faults.corrupt_displacement(problem.mesh, answer[None], Fault.INVERTED_CELL)
     moved = np.flatnonzero((spoiled != answer).any(axis=1))
     assert len(moved) == 1
     assert inverted_cells(problem.mesh, answer) == 0
@@ -69,9 +69,9 @@ def test_an_inverted_cell_is_one_or_its_neighbours(
 
 
 def test_faults_leave_the_rest_alone(problem: Problem) -> None:
-    assert faults.spoil_problem(problem, Fault.NAN) is problem
-    assert faults.spoil_strain(Strain.GREEN, Fault.SOFTER) is Strain.GREEN
-    assert faults.spoil_problem(problem, Fault.DROPPED_LOAD).loads == problem.loads[:-1]
+    assert faults.corrupt_problem(problem, Fault.NAN) is problem
+    assert faults.corrupt_strain(Strain.GREEN, Fault.SOFTER) is Strain.GREEN
+    assert faults.corrupt_problem(problem, Fault.DROPPED_LOAD).loads == problem.loads[:-1]
 
 
 @pytest.mark.slow
@@ -170,12 +170,12 @@ def test_every_metric_goes_red_alone_on_each_kind_of_case() -> None:
 
 def test_a_fault_of_what_is_not_there_is_refused(problem: Problem) -> None:
     with pytest.raises(InputError, match="press or slide"):
-        faults.spoil_problem(problem, Fault.DROPPED_TOOL)
+        faults.corrupt_problem(problem, Fault.DROPPED_TOOL)
     with pytest.raises(InputError, match="try beam"):
-        faults.spoil_problem(dataclasses.replace(problem, loads=()), Fault.REVERSED_LOAD)
+        faults.corrupt_problem(dataclasses.replace(problem, loads=()), Fault.REVERSED_LOAD)
 
 
 @pytest.mark.parametrize("fault", faults.OF_MOTION)
 def test_a_fault_of_motion_is_refused_where_nothing_moves(problem: Problem, fault: Fault) -> None:
     with pytest.raises(InputError, match="block-motion"):
-        faults.spoil_problem(problem, fault)
+        faults.corrupt_problem(problem, fault)

@@ -52,7 +52,7 @@ class Steps:
     def __init__(self, job):
         tissue = Material(*(job[n][0] for n in ("youngs_modulus", "poissons_ratio", "density")))
         body = Body(TetMesh(job["points"], job["cells"]), tissue)
-        self.answer = {"force": 1.01 * body.internal_force(job["test_displacement"])}
+        self.result = {"force": 1.01 * body.internal_force(job["test_displacement"])}
     def advance(self, num_steps):
         time.sleep(1e-4 * num_steps)
 """
@@ -208,8 +208,8 @@ def test_a_rival_that_is_not_installed_is_left_out_and_one_that_does_not_fit_say
 def test_a_rival_that_fails_while_timed_leaves_and_is_named(adapter):
     brittle = adapter(
         "    def advance(self, num_steps):\n"
-        "        if hasattr(self, 'answer'):\n            raise OverflowError('too many')\n"
-        "        self.answer = {}\n",
+        "        if hasattr(self, 'result'):\n            raise OverflowError('too many')\n"
+        "        self.result = {}\n",
         "brittle",
     )
     lines = []
@@ -251,7 +251,7 @@ COUNTS = """
     def advance(self, num_steps):
         Task.total += num_steps
         __import__("time").sleep(2e-3 * num_steps)
-        self.answer = {"steps": np.array(num_steps), "total": np.array(Task.total)}
+        self.result = {"steps": np.array(num_steps), "total": np.array(Task.total)}
         return {"process": os.getpid()}
 """
 
@@ -260,11 +260,11 @@ def test_a_schedule_asks_for_whole_units_of_steps_and_for_processes(adapter):
     rival = adapter(COUNTS)
     with timed((rival,), "Task", {}, Schedule(3, seconds=0.05, unit=6), in_silence) as (child,):
         # About 25 steps of 2 ms, each of them at least as long as it sleeps.
-        assert int(child.answer["steps"]) in (6, 12, 18, 24)
+        assert int(child.result["steps"]) in (6, 12, 18, 24)
         assert child.best("wall") >= 2e-3
         assert len({timing["process"] for timing in child.timings}) == 1
     with timed((rival,), "Task", {}, Schedule(3, is_fresh=True), in_silence) as (child,):
-        assert int(child.answer["total"]) == 1
+        assert int(child.result["total"]) == 1
         assert len({timing["process"] for timing in child.timings}) == 3
     with timed((rival,), "Task", {}, Schedule(3, long=1e-3), in_silence) as (child,):
         assert len(child.timings) == 1

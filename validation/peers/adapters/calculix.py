@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import answer_case, children_memory_mb, lame
+from harness import children_memory_mb, lame, solve_case
 from nodes import Points, nodes_of
 
 # Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
@@ -50,7 +50,7 @@ class Static:
         body = self._nodes.arrays
         self._num_points = len(body["points"])
         self._input = _input_file({**job, **body}, kind, self._solver)
-        self.answer: dict[str, Any] = {}
+        self.result: dict[str, Any] = {}
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """Run it to the full load."""
@@ -66,7 +66,7 @@ class Static:
         if done.returncode or len(rows) != self._num_points or "time  0.1000000E+01" not in last:
             raise SystemExit(f"ccx ended with {done.returncode} before the full load")
         numbered = np.array(rows, dtype=float)
-        self.answer = self._nodes.answer(numbered[numbered[:, 0].argsort(), 1:])
+        self.result = self._nodes.result(numbered[numbered[:, 0].argsort(), 1:])
         iterations = re.findall(r"^ iteration +\d+", done.stdout, re.MULTILINE)
         memory = children_memory_mb()
         return {
@@ -113,4 +113,4 @@ def _law(job: dict[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    answer_case(Static)
+    solve_case(Static)

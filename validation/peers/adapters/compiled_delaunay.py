@@ -87,7 +87,7 @@ class Delaunay:
         self._cells = self._triangulate()
 
     @property
-    def answer(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """How many cells; CGAL goes through all of them for that."""
         return {"num_cells": np.array(self._count(self._cells))}
 

@@ -90,7 +90,7 @@ class Steps(_Body):
         self._vector = fem.assemble_vector(self.residual_form)
         self._increment = np.zeros_like(self._array)
         self._array[:] = self.renumbered(job["test_displacement"])
-        self.answer = {"force": self._internal()[self.place]}
+        self.result = {"force": self._internal()[self.place]}
         self._array[:] = 0.0
 
     def _internal(self) -> Any:
@@ -120,9 +120,9 @@ class Static(_Body):
         super().__init__(job, is_linear=self._is_linear)
         tangent = ufl.derivative(self.residual, self.u, ufl.TrialFunction(self.V))
         self._tangent = fem.form(tangent, **_JIT)
-        self._held = np.flatnonzero(self.renumbered(job["fixed"]).ravel())
-        held = np.unique(self._held // 3).astype(np.int32)
-        self._bc = fem.dirichletbc(np.zeros(3, dtype=PETSc.ScalarType), held, self.V)
+        self._fixed = np.flatnonzero(self.renumbered(job["fixed"]).ravel())
+        fixed = np.unique(self._fixed // 3).astype(np.int32)
+        self._bc = fem.dirichletbc(np.zeros(3, dtype=PETSc.ScalarType), fixed, self.V)
         self._tolerance = float(job["relative_tolerance"])
 
     def _rigid_modes(self, matrix: Any) -> Any:
@@ -140,7 +140,7 @@ class Static(_Body):
     def _imbalance(self) -> Any:
         force = fem.assemble_vector(self.residual_form)
         imbalance = self.load.ravel() - np.asarray(force.array)
-        imbalance[self._held] = 0.0
+        imbalance[self._fixed] = 0.0
         return imbalance
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
@@ -178,7 +178,7 @@ class Static(_Body):
             linear_iterations += ksp.getIterationNumber()
         for thing in (ksp, matrix, right, step):
             thing.destroy()
-        self.answer = {"displacement": self.u.x.array.reshape(-1, 3)[self.place]}
+        self.result = {"displacement": self.u.x.array.reshape(-1, 3)[self.place]}
         return {
             "newton_iterations": iterations,
             "linear_iterations": linear_iterations,

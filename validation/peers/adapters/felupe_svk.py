@@ -12,7 +12,7 @@ from typing import Any
 
 import felupe
 import numpy as np
-from harness import answer_case, lame
+from harness import lame, solve_case
 from nodes import Points, nodes_of
 
 try:
@@ -77,9 +77,9 @@ class Static:
                 tol=float(job.get("relative_tolerance", TOLERANCE)), verbose=0,
             )  # fmt: skip
             num_iterations += int(found.iterations)
-        self.answer = self._nodes.answer(field[0].values.copy())
+        self.result = self._nodes.result(field[0].values.copy())
         return {"method": f"Newton, {SOLVER}", "newton_iterations": num_iterations}
 
 
 if __name__ == "__main__":
-    answer_case(Static)
+    solve_case(Static)

@@ -9,7 +9,7 @@ from typing import Any
 
 import getfem as gf
 import numpy as np
-from harness import answer_case, lame
+from harness import lame, solve_case
 
 # What GetFEM calls a law.
 _LAWS = {
@@ -61,13 +61,13 @@ class Static:
             model.add_initialized_data("moduli", [lmbda, mu])
             law = _LAWS[str(job.get("law", "saint-venant-kirchhoff"))]
             model.add_finite_strain_elasticity_brick(self._integration, law, "u", "moduli")
-        held = np.flatnonzero(job["fixed"].ravel())
+        fixed = np.flatnonzero(job["fixed"].ravel())
         count = 3 * len(job["points"])
-        choose = gf.Spmat("empty", len(held), count)
-        for row, dof in enumerate(order.ravel()[held]):
+        choose = gf.Spmat("empty", len(fixed), count)
+        for row, dof in enumerate(order.ravel()[fixed]):
             choose.add(row, int(dof), 1.0)
-        model.add_variable("reaction", len(held))
-        places = job["prescribed_displacement"].ravel()[held]
+        model.add_variable("reaction", len(fixed))
+        places = job["prescribed_displacement"].ravel()[fixed]
         holding = model.add_constraint_with_multipliers("u", "reaction", choose, 0.0 * places)
         force = np.zeros(count)
         pushing = model.add_explicit_rhs("u", force)
@@ -85,7 +85,7 @@ class Static:
             iterations += int(count)
             if not has_converged:
                 raise SystemExit(f"no equilibrium at {part:g} of the load")
-        self.answer = {"displacement": np.array(model.variable("u"))[order]}
+        self.result = {"displacement": np.array(model.variable("u"))[order]}
         return {"method": "Newton, MUMPS", "newton_iterations": iterations}
 
     def _tolerance(self, force: Any) -> float:
@@ -98,4 +98,4 @@ class Static:
 
 
 if __name__ == "__main__":
-    answer_case(Static)
+    solve_case(Static)

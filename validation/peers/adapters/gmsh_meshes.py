@@ -45,7 +45,7 @@ class Surface(_Gmsh):
         for name in ("MeshSizeMin", "MeshSizeMax"):
             gmsh.option.setNumber(f"Mesh.{name}", float(self._job["edge_length"]))
         gmsh.model.mesh.generate(2)
-        self.answer = dict(zip(("points", "facets"), self._elements(2, 3), strict=True))
+        self.result = dict(zip(("points", "facets"), self._elements(2, 3), strict=True))
 
 
 class Mesh(_Gmsh):
@@ -66,7 +66,7 @@ class Mesh(_Gmsh):
         gmsh.model.mesh.generate(3)
 
     @property
-    def answer(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """Points and cells."""
         return dict(zip(("points", "cells"), self._elements(4, 4), strict=True))
 
@@ -77,4 +77,4 @@ class Delaunay(_Gmsh):
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
         cells, *_ = gmsh.algorithm.tetrahedralize(self._job["points"].ravel())
-        self.answer = {"num_cells": np.array(len(cells) // 4)}
+        self.result = {"num_cells": np.array(len(cells) // 4)}

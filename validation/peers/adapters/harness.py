@@ -1,7 +1,7 @@
 """What adapters have in common: they solve a case folder, or are timed; and what several compute.
 
-python ADAPTER.py CASE RESULT.npz [NAME=VALUE ...]      see `answer_case`
-python harness.py ADAPTER.py TASK JOB.npz ANSWER.npz    see `main`
+python ADAPTER.py CASE RESULT.npz [NAME=VALUE ...]      see `solve_case`
+python harness.py ADAPTER.py TASK JOB.npz RESULT.npz    see `main`
 
 Rest is found by kinetic damping, for simulators that only know time steps: the body falls towards
 equilibrium; whenever its kinetic energy has passed a peak it is stopped (Cundall 1976; Otter 1965
@@ -29,7 +29,7 @@ _COMMON = "saint-venant-kirchhoff"
 SAFETY = 0.6
 
 
-def answer_case(statics: Any, motion: Any = None) -> None:
+def solve_case(statics: Any, motion: Any = None) -> None:
     """Solve the case folder given first on the command line into the file given second.
 
     Further words go to the job: NAME=VALUE, or a number alone, which is `iterations`.
@@ -92,22 +92,22 @@ def answer_case(statics: Any, motion: Any = None) -> None:
         "seconds": processor_seconds() - start,
         **says,
     }
-    np.savez(result, **simulator.answer, case_key=given["case_key"], about=json.dumps(about))
+    np.savez(result, **simulator.result, case_key=given["case_key"], about=json.dumps(about))
 
 
 def main() -> None:
     """Time a tool until standard input ends.
 
-    Answers one line of JSON when the tool is set up, then one for each number of steps it reads:
+    Writes one line of JSON when the tool is set up, then one for each number of steps it reads:
     seconds of the processor and of the clock, memory, and what the tool says.
     """
-    # What libraries print must not mix with the answers.
-    answers = os.fdopen(os.dup(1), "w")
+    # What libraries print must not mix with what is written.
+    out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
 
-    def say(**answer: Any) -> None:
-        answers.write(json.dumps(answer) + "\n")
-        answers.flush()
+    def say(**words: Any) -> None:
+        out.write(json.dumps(words) + "\n")
+        out.flush()
 
     adapter, task, job, target = sys.argv[1:]
     sys.path.insert(0, str(Path(adapter).parent))
@@ -125,10 +125,10 @@ def main() -> None:
         before = processor_seconds(), time.perf_counter()
         says = tool.advance(int(line)) or {}
         after = processor_seconds(), time.perf_counter()
-        answer = getattr(tool, "answer", {})
-        if answer is not saved:
-            np.savez(target, **answer)
-            saved = answer
+        found = getattr(tool, "result", {})
+        if found is not saved:
+            np.savez(target, **found)
+            saved = found
         say(
             processor=after[0] - before[0],
             wall=after[1] - before[1],
@@ -203,7 +203,7 @@ def require_fixed_points(job: dict[str, Any]) -> None:
     """
     is_fixed = job["fixed"].astype(bool)
     if (is_fixed.any(axis=1) != is_fixed.all(axis=1)).any() or job["prescribed_displacement"].any():
-        raise ValueError("only whole points can be held, where they are")
+        raise ValueError("only whole points can be fixed, where they are")
 
 
 def force_scale(job: dict[str, Any]) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import KratosMultiphysics as Kratos
 import KratosMultiphysics.StructuralMechanicsApplication as Structural
 import numpy as np
-from harness import answer_case
+from harness import solve_case
 from KratosMultiphysics import python_linear_solver_factory as solvers
 
 try:
@@ -76,11 +76,11 @@ class Static:
             MOST_ITERATIONS, False, False, True,
         )  # fmt: skip
         strategy.SetEchoLevel(0)
-        held = np.argwhere(job["fixed"]).tolist()
+        fixed = np.argwhere(job["fixed"]).tolist()
         iterations = 0
         for fraction in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
             part.CloneTimeStep(fraction)
-            for point, axis in held:
+            for point, axis in fixed:
                 node = part.GetNode(point + 1)
                 node.Fix(self._axes[axis])
                 moved = fraction * float(job["prescribed_displacement"][point, axis])
@@ -97,9 +97,9 @@ class Static:
             if not has_converged:
                 raise SystemExit(f"no equilibrium at {fraction:g} of the load")
         rows = [list(node.GetSolutionStepValue(Kratos.DISPLACEMENT)) for node in part.Nodes]
-        self.answer = {"displacement": np.array(rows)}
+        self.result = {"displacement": np.array(rows)}
         return {"method": f"Newton, {SOLVER}", "newton_iterations": iterations}
 
 
 if __name__ == "__main__":
-    answer_case(Static)
+    solve_case(Static)

@@ -20,12 +20,12 @@ from typing import Any
 import mujoco
 import numpy as np
 from harness import (
-    answer_case,
     force_scale,
     gravity_of,
     march,
     relax_with_rise,
     require_rest,
+    solve_case,
     stable_step,
 )
 
@@ -83,7 +83,7 @@ class Steps(Flex):
             return
         self.data.qpos[:] = job["test_displacement"][self.free].ravel()
         mujoco.mj_forward(self.model, self.data)
-        self.answer = {"force": self.at_points(-self.data.qfrc_passive, np.nan)}
+        self.result = {"force": self.at_points(-self.data.qfrc_passive, np.nan)}
         mujoco.mj_resetData(self.model, self.data)
 
     def _put_on_device(self) -> None:
@@ -162,7 +162,7 @@ class Static(Loaded):
             TOLERANCE, MOST_STEPS,
         )  # fmt: skip
         require_rest(residual, ENOUGH)
-        self.answer = {"displacement": self.at_points(self.data.qpos, 0.0)}
+        self.result = {"displacement": self.at_points(self.data.qpos, 0.0)}
         return {
             "method": f"time steps to rest by kinetic damping, {num_steps} steps",
             "relative_residual": residual,
@@ -193,10 +193,10 @@ class Motion(Loaded):
             self._step, lambda: self.at_points(self.data.qpos, 0.0), self._times,
             self.model.opt.timestep,
         )  # fmt: skip
-        self.answer = {"displacement": states, "times": self._times}
+        self.result = {"displacement": states, "times": self._times}
         scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
         return {"method": "semi-implicit Euler", **scheme}
 
 
 if __name__ == "__main__":
-    answer_case(Static, Motion)
+    solve_case(Static, Motion)

@@ -24,7 +24,6 @@ import numpy as np
 import warp as wp
 from harness import (
     all_gradients,
-    answer_case,
     force_scale,
     gravity_of,
     lame,
@@ -32,6 +31,7 @@ from harness import (
     relax_with_rise,
     require_fixed_points,
     require_rest,
+    solve_case,
     stable_step,
 )
 
@@ -215,7 +215,7 @@ class Rested(SoftMesh):
             self.out_of_balance,
         )  # fmt: skip
         require_rest(residual, TOLERANCE)
-        self.answer = {"displacement": self._displacement()}
+        self.result = {"displacement": self._displacement()}
         return {
             "method": f"time steps to rest by kinetic damping, {num_steps} steps, single precision",
             "relative_residual": residual,
@@ -243,7 +243,7 @@ class Moved(Rested):
         """From rest, or the initial velocity, to the end."""
         times, (integrator, more) = self._job["output_times"], self.scheme
         states, time_step = march(self._step, self._displacement, times, self.time_step)
-        self.answer = {"displacement": states, "times": times}
+        self.result = {"displacement": states, "times": times}
         scheme = {"integrator": integrator, "time_step": time_step}
         return {"method": "its own steps, single precision", **scheme, **more}
 
@@ -266,6 +266,6 @@ class DescentMotion(BlockDescent, Moved):
 
 if __name__ == "__main__":
     if "solver=vbd" in sys.argv:
-        answer_case(DescentStatic, DescentMotion)
+        solve_case(DescentStatic, DescentMotion)
     else:
-        answer_case(Static, Motion)
+        solve_case(Static, Motion)

@@ -38,7 +38,7 @@ class Points:
     def __init__(self, job: dict[str, Any]) -> None:
         self.arrays = job
 
-    def answer(self, displacement: Any) -> dict[str, Any]:
+    def result(self, displacement: Any) -> dict[str, Any]:
         """What a result file holds of their displacement [m]."""
         return {"displacement": displacement}
 
@@ -74,7 +74,7 @@ class Quadratic:
             "external_force": self.force,
         }
 
-    def answer(self, displacement: Any) -> dict[str, Any]:
+    def result(self, displacement: Any) -> dict[str, Any]:
         """What a result file holds of the nodes' displacement [m]."""
         return {"displacement": displacement, "points": self.points, "cells": self.parts}
 
@@ -92,7 +92,7 @@ class Quadratic:
         middles = len(points) + middles.reshape(-1, 6)
         facets = _boundary(cells)
         fixed, moved = job["fixed"], job["prescribed_displacement"]
-        held = np.vstack([fixed, _held_middles(edges, facets, fixed)])
+        fixed = np.vstack([fixed, _fixed_middles(edges, facets, fixed)])
         moved = np.vstack([moved, moved[edges].mean(axis=1)])
         nodes = np.vstack([points, points[edges].mean(axis=1)])
         all_cells = np.column_stack([cells, middles])
@@ -101,7 +101,7 @@ class Quadratic:
         turned = np.linalg.det(sides) < 0.0
         parts[turned] = parts[turned][:, [0, 2, 1, 3]]
         force = _force(job, len(nodes), all_cells, facets, edges)
-        return cls(nodes, all_cells, held, np.where(held, moved, 0.0), force, parts)
+        return cls(nodes, all_cells, fixed, np.where(fixed, moved, 0.0), force, parts)
 
 
 def _boundary(cells: Any) -> Any:
@@ -118,14 +118,14 @@ def _edges_of(facets: Any, edges: Any) -> Any:
     return np.searchsorted(edges[:, 0] * stride + edges[:, 1], ends[..., 0] * stride + ends[..., 1])
 
 
-def _held_middles(edges: Any, facets: Any, fixed: Any) -> Any:
-    """Where all three corners of a boundary facet are held, so are its middles; (num_edges, 3)."""
-    held = np.zeros((len(edges), 3), dtype=fixed.dtype)
+def _fixed_middles(edges: Any, facets: Any, fixed: Any) -> Any:
+    """Where all three corners of a boundary facet are fixed, so are its middles; (num_edges, 3)."""
+    middles = np.zeros((len(edges), 3), dtype=fixed.dtype)
     of_facets = _edges_of(facets, edges)
     for axis in range(3):
         whole = fixed[:, axis][facets].all(axis=1)
-        held[of_facets[whole], axis] = 1
-    return held
+        middles[of_facets[whole], axis] = 1
+    return middles
 
 
 def _force(job: dict[str, Any], num_nodes: int, cells: Any, facets: Any, edges: Any) -> Any:

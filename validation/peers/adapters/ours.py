@@ -82,7 +82,7 @@ class Static(_Ours):
             relative_tolerance=float(self._job["relative_tolerance"]),
         )
         uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
-        self.answer = {"displacement": result.displacement}
+        self.result = {"displacement": result.displacement}
         return {
             "newton_iterations": result.iterations,
             "linear_iterations": result.linear_iterations,
@@ -95,9 +95,9 @@ def _problem(job: dict[str, Any], time: TimeSpan | None = None) -> Problem:
     E, nu, rho = (float(job[name][0]) for name in ("youngs_modulus", "poissons_ratio", "density"))
     material = Material(E, nu, rho, Law(str(job.get("law", Law.SAINT_VENANT_KIRCHHOFF))))
     mesh = TetMesh(job["points"], job["cells"])
-    held = np.flatnonzero(job["fixed"].all(axis=1)).astype(np.int32)
+    fixed = np.flatnonzero(job["fixed"].all(axis=1)).astype(np.int32)
     load = PointForce(np.arange(mesh.num_points, dtype=np.int32), job["external_force"])
-    return Problem(mesh, material, (Support(held),), (load,), time)
+    return Problem(mesh, material, (Support(fixed),), (load,), time)
 
 
 class Collision(_Ours):
@@ -110,7 +110,7 @@ class Collision(_Ours):
         # Numbers of the second body follow those of the first.
         counts = np.array([job["frames"].shape[2], len(job["cells"])])
         found = [look(0) + counts * pair for look, pair in zip(self._looks, pairs, strict=True)]
-        self.answer = {"pairs": np.concatenate(found)}
+        self.result = {"pairs": np.concatenate(found)}
 
     def _make_look(self, intruder: int, looked_at: int) -> Callable[[int], Any]:
         """What finds the pairs (vertex of the intruder, cell of the other) in a frame."""
@@ -138,7 +138,7 @@ class Delaunay(_Ours):
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
         cells, _ = delaunay(self._job["points"])
-        self.answer = {"num_cells": np.array(len(cells))}
+        self.result = {"num_cells": np.array(len(cells))}
 
 
 class Mesh(_Ours):
@@ -152,4 +152,4 @@ class Mesh(_Ours):
         corners = self._surface.points[self._surface.facets]
         mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
         mesh = mesh_surface(self._surface, edge_length=_EDGES_INSIDE * mean_edge)
-        self.answer = {"points": mesh.points, "cells": mesh.cells}
+        self.result = {"points": mesh.points, "cells": mesh.cells}

@@ -20,7 +20,7 @@ class Surface:
     def advance(self, _num_steps: int) -> None:
         """Make the surface."""
         drawn = self._flying_edges() if "voxel" in self._job else self._decimated()
-        self.answer = {"points": np.asarray(drawn.points, float), "facets": drawn.regular_faces}
+        self.result = {"points": np.asarray(drawn.points, float), "facets": drawn.regular_faces}
 
     def _decimated(self) -> Any:
         return self._fine.decimate(1.0 - int(self._job["size"]) / self._fine.n_cells)

@@ -17,7 +17,7 @@ from palpate.meshes.problem import Material
 from palpate.reference.availability import require_available
 from palpate.validation.versions import version_of
 
-# A block of 2 x 1 x 1 m, held at one end and bent at the other by about a tenth of its length.
+# A block of 2 x 1 x 1 m, fixed at one end and bent at the other by about a tenth of its length.
 CASE = """schema = 1
 title = "A block, pulled and bent"
 strain = "green"
@@ -79,12 +79,12 @@ class Truth:
         if process.returncode != 0:
             raise RuntimeError(f"{' '.join(self._command)}: exit {process.returncode}\n{text}")
         moved = np.asarray(meshio.read(self._result).point_data["displacement"])
-        self.answer = {"displacement": moved}
+        self.result = {"displacement": moved}
         return {"iterations": text.count("relative residual") - 1, "peak_memory_mb": peak}
 
 
 def _peak_memory(process: subprocess.Popen[bytes]) -> float:
-    """Wait for a process; the most memory that it and all that it started held at once [MB]."""
+    """Wait for a process; the most memory that it and all that it started fixed at once [MB]."""
     is_over, peak = threading.Event(), 0.0
 
     def wait() -> None:

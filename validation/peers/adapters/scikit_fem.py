@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import skfem
-from harness import answer_case, lame
+from harness import lame, solve_case
 from skfem.helpers import ddot, eye, grad, mul, trace, transpose
 
 TOLERANCE = 1e-10
@@ -65,25 +65,25 @@ class Static:
         force, moved, u = (self._basis.zeros() for _ in range(3))
         force[order] = job["external_force"]
         moved[order] = job["prescribed_displacement"]
-        held = order[job["fixed"].astype(bool)]
-        free = np.setdiff1d(np.arange(len(u)), held)
+        fixed = order[job["fixed"].astype(bool)]
+        free = np.setdiff1d(np.arange(len(u)), fixed)
         count, residual = 0, np.inf
         for part in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
             rise = np.zeros_like(u)
-            rise[held] = part * moved[held] - u[held]
+            rise[fixed] = part * moved[fixed] - u[fixed]
             for _ in range(MOST_ITERATIONS):
                 K, internal = self._assemble(u)
                 out = part * force - internal
-                scale = max(np.linalg.norm(internal[held]), np.linalg.norm(part * force))
+                scale = max(np.linalg.norm(internal[fixed]), np.linalg.norm(part * force))
                 residual = float(np.linalg.norm(out[free]) / (scale or 1.0))
                 if residual <= TOLERANCE and not rise.any():
                     break
-                u = u + skfem.solve(*skfem.condense(K, out, x=rise, D=held))
+                u = u + skfem.solve(*skfem.condense(K, out, x=rise, D=fixed))
                 rise[:] = 0.0
                 count += 1
             else:
                 raise SystemExit(f"no equilibrium at {part:g} of the load, residual {residual:.2g}")
-        self.answer = {"displacement": u[order]}
+        self.result = {"displacement": u[order]}
         return {
             "method": "Newton, SciPy's direct solver",
             "newton_iterations": count,
@@ -92,4 +92,4 @@ class Static:
 
 
 if __name__ == "__main__":
-    answer_case(Static)
+    solve_case(Static)

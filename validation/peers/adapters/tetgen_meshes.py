@@ -28,7 +28,7 @@ class Mesh(_TetGen):
     switches = "pq1.2YQ"
 
     @property
-    def answer(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """Points and cells."""
         return {"points": self._mesher.return_nodes(), "cells": self._mesher.return_tets()}
 
@@ -39,6 +39,6 @@ class Delaunay(_TetGen):
     switches = "Q"
 
     @property
-    def answer(self) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """How many cells."""
         return {"num_cells": np.array(self._mesher.n_cells)}

@@ -23,7 +23,7 @@ class Collision:
         self._frames = np.ascontiguousarray(job["frames"][:, :, vertices])
         count = job["frames"].shape[2]
         found = [vertices[flags] + k * count for k, flags in enumerate(self._look(0))]
-        self.answer = {"pairs": np.concatenate(found)[:, None]}
+        self.result = {"pairs": np.concatenate(found)[:, None]}
 
     def _look(self, k: int) -> list[Any]:
         inside = []

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from harness import all_gradients, answer_case
+from harness import all_gradients, solve_case
 
 # Rows and columns of xx, yy, zz, xy, xz, yz.
 _I, _J = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
@@ -79,7 +79,7 @@ class Body:
                 raise SystemExit(f"no finite number after step {step + 1}")
             if (step + 1) % per_output == 0:
                 states.append(u)
-        self.answer = {"displacement": np.array(states), "times": times}
+        self.result = {"displacement": np.array(states), "times": times}
         return {"integrator": "backward-euler", "time_step": dt, "iterations": self._iterations}
 
 
@@ -193,4 +193,4 @@ class PositionBased(Body):
 
 
 if __name__ == "__main__":
-    answer_case(None, PositionBased if "method=xpbd" in sys.argv else BlockDescent)
+    solve_case(None, PositionBased if "method=xpbd" in sys.argv else BlockDescent)

@@ -94,7 +94,7 @@ class Collision:
             self._pairs[turn].numpy()[:count].astype(np.int64) + offsets * turn
             for turn, count in self._look(0).items()
         ]
-        self.answer = {"pairs": np.concatenate(found)}
+        self.result = {"pairs": np.concatenate(found)}
 
     def _fit(self, k: int, frame: int) -> None:
         wp.launch(
