@@ -174,7 +174,8 @@ def mesh(
     24.0
     """
     from palpate.validation.case.body_schema import MeshSpec
-    from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
+    from palpate.validation.case.geometry import LoadedSurface, load_surface
+    from palpate.validation.case.meshing import fill_loaded
     from palpate.validation.case.units import LENGTH, Units
 
     for name, value in (("edge_length", edge_length), ("boundary_distance", boundary_distance)):

@@ -1,9 +1,9 @@
-"""From a case's geometry to a closed surface, with advice where it is none, and to a mesh."""
+"""From a case's geometry to a surface that bounds a solid, with advice where it bounds none."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +27,7 @@ from palpate.meshes.errors import (
     SelfIntersectionError,
     SurfaceError,
 )
-from palpate.meshes.files import read_mesh, read_surface
+from palpate.meshes.files import read_surface
 from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
@@ -35,18 +35,16 @@ from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_s
 from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.body_schema import SHAPES, GeometrySpec, MeshSpec
-from palpate.validation.case.meshing import (
-    BODY,
-    BuiltMesh,
-    Filling,
-    fill,
-    fill_bodies,
-    require_countable,
-)
-from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.body_schema import SHAPES, GeometrySpec
 from palpate.validation.case.units import Units
 
+MOST_CELLS = 2_000_000
+# Of a box around the body, which may be mostly empty.
+_MOST_CELLS_OF_BOX, _MOST_FACETS_OF_BOX = 10 * MOST_CELLS, MOST_CELLS
+# Regular tetrahedra of edge h fill 6 sqrt(2) to h^3, regular triangles 4 / sqrt(3) to h^2.
+_CELLS_PER_CUBE, _FACETS_PER_SQUARE = 8.49, 2.31
+# Larger than the kidney of Table I along each axis [m].
+_KIDNEY = (0.08, 0.07, 0.15)
 _REPAIR = "--repair (repair = true in a case)"
 _WRAP = "--wrap D (wrap = D) makes a new closed surface within D of it"
 _OTHERS = (
@@ -72,173 +70,6 @@ REMEDIES: dict[type[InputError], tuple[str, str]] = {
 # Files whose facets are counted from 1; the others count from 0.
 _FROM_ONE = (".obj", ".msh", ".stl")
 _MOST_NAMED = 3
-
-
-@contextmanager
-def advised(
-    path: Path, surface: TriSurface, *, is_as_given: bool, notes: Sequence[str] = ()
-) -> Iterator[None]:
-    """Say what is wrong with a surface by its file's numbers and places, and what would mend it.
-
-    Args:
-        path: Of the file.
-        surface: As read or as mended [m].
-        is_as_given: Whether its facets are the file's.
-        notes: What was found or done before.
-    """
-    try:
-        yield
-    except InputError as error:
-        known = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
-        if known is not None or isinstance(error, SurfaceError):
-            error.args = (_message(error, path, surface, is_as_given, notes),)
-        raise
-
-
-def crossing_message(
-    error: CrossingBodiesError, files: Mapping[str, Path | None], *, as_given: Sequence[str]
-) -> str:
-    """Which facets of which files cut or touch each other, and where.
-
-    Args:
-        error: With the surfaces' names.
-        files: By name; None of a shape.
-        as_given: Names of surfaces whose facets have their files' numbers.
-    """
-    said = []
-    for pair, place in zip(error.pairs[:_MOST_NAMED], error.places, strict=False):
-        numbers = [
-            f"facet {row + _first_number(files[name])} of {_label(files[name], name)}"
-            for name, row in zip(error.names, pair, strict=True)
-            if name in as_given
-        ]
-        at = "({}) m".format(", ".join(f"{x + 0.0:.6g}" for x in place))
-        said.append(f"{' and '.join(numbers)} at {at}" if numbers else f"at {at}")
-    more = len(error.pairs) - len(said)
-    names = " and ".join(_label(files[name], name) for name in dict.fromkeys(error.names))
-    return (
-        f"{names} {error.why}: {len(error.pairs)} pair(s) of facets, {', '.join(said)}"
-        f"{f' and {more} more' if more > 0 else ''}; keep them apart, or give them these facets in "
-        "common"
-    )
-
-
-def _label(path: Path | None, name: str) -> str:
-    return name if path is None else path.name
-
-
-def _first_number(path: Path | None) -> int:
-    return 1 if path is not None and path.suffix.lower() in _FROM_ONE else 0
-
-
-def _message(
-    error: InputError, path: Path, surface: TriSurface, is_as_given: bool, notes: Sequence[str]
-) -> str:
-    kind = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
-    before, after = REMEDIES[kind] if kind is not None else ("", "")
-    what, done, hint = str(error), list[str](), ""
-    if isinstance(error, SurfaceError):
-        what, done, hint = error.summary, error.done, error.hint
-        surface = error.surface or surface
-    where = _places(error, path, surface, is_as_given)
-    parts = [*notes, *done, f"{what}{where}", hint, before if is_as_given else after]
-    return f"{path.name}: " + "; ".join(part for part in parts if part)
-
-
-def _places(error: InputError, path: Path, surface: TriSurface, is_as_given: bool) -> str:
-    """The first facets with their centres [m]; numbers where they are the file's."""
-    rows = [f for f in getattr(error, "facets", []) if 0 <= f < surface.num_facets]
-    if not rows or isinstance(error, EntangledError):
-        return ""
-    start = _first_number(path)
-    named = []
-    for row in rows[:_MOST_NAMED]:
-        centre = surface.points[surface.facets[row]].mean(axis=0)
-        at = "({}) m".format(", ".join(f"{x + 0.0:.6g}" for x in centre))
-        named.append(f"facet {row + start} at {at}" if is_as_given else f"at {at}")
-    more = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
-    first = f" (the file's first is {start})" if is_as_given else ""
-    return f", {', '.join(named)}{more}{first}"
-
-
-# Larger than the kidney of Table I along each axis [m].
-_KIDNEY = (0.08, 0.07, 0.15)
-
-
-def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
-    """Make or read the mesh of a case.
-
-    Raises:
-        InputError: A file that cannot be read, a surface that bounds no solid, or no mesher
-            that manages.
-    """
-    geometry, units = spec.geometry, spec.units
-    scale = units.metres(1.0)
-    within = {
-        f"inclusion {k}": one.surface
-        for k, one in enumerate(spec.inclusion, 1)
-        if one.surface is not None
-    }
-    if geometry.mesh is not None:
-        if within:
-            raise InputError(
-                "an inclusion with a surface needs a body with one, or a shape: give a mesh file's "
-                "inclusion by a group of its cells"
-            )
-        path = inside_folder(folder, geometry.mesh)
-        return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
-    if geometry.surface is not None:
-        path = inside_folder(folder, geometry.surface)
-        wrap = None if geometry.wrap is None else units.metres(geometry.wrap)
-        choices = _choices(geometry, units)
-        loaded = load_surface(path, scale=scale, repair=choices, wrap=wrap)
-    else:
-        loaded = LoadedSurface(build_shape(geometry, units), [], {})
-    others = {
-        name: load_surface(inside_folder(folder, surface), scale=scale)
-        for name, surface in within.items()
-    }
-    built = fill_loaded(loaded, spec.mesh, units, others)
-    notes = [note for one in (loaded, *others.values()) for note in one.notes]
-    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
-
-
-def fill_loaded(
-    loaded: LoadedSurface,
-    spec: MeshSpec,
-    units: Units,
-    inclusions: Mapping[str, LoadedSurface] | None = None,
-    how: Filling | None = None,
-) -> BuiltMesh:
-    """`fill`, with what is wrong said by the file's numbers; inclusions become groups of cells."""
-    if inclusions:
-        surfaces = {name: one.surface for name, one in inclusions.items()}
-        bodies = {BODY: loaded, **inclusions}
-        try:
-            given = {BODY: loaded.surface, **surfaces}
-            return fill_bodies(given, spec, units, loaded.groups, how)
-        except CrossingBodiesError as error:
-            files = {name: one.path for name, one in bodies.items()}
-            as_given = [name for name, one in bodies.items() if one.is_as_given]
-            error.args = (crossing_message(error, files, as_given=as_given),)
-            raise
-    if loaded.path is None:
-        return fill(loaded.surface, spec, units, loaded.groups, how)
-    # A free boundary has facets of its own.
-    is_as_given = loaded.is_as_given and spec.boundary_distance is None
-    with advised(loaded.path, loaded.surface, is_as_given=is_as_given):
-        return fill(loaded.surface, spec, units, loaded.groups, how)
-
-
-def _choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
-    if not geometry.repair:
-        return None
-    given = geometry.repair_distance
-    return RepairChoices(
-        distance=None if given is None else units.metres(given),
-        largest_hole=geometry.largest_hole,
-        smallest_shell=units.metres(geometry.smallest_shell),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,6 +146,103 @@ def load_surface(
             f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
         )
     return LoadedSurface(surface, notes, groups, path, is_as_given, given[0])
+
+
+def _at(point: Iterable[float]) -> str:
+    return "at ({}) m".format(", ".join(f"{x + 0.0:.6g}" for x in point))
+
+
+def _first_number(path: Path | None) -> int:
+    return 1 if path is not None and path.suffix.lower() in _FROM_ONE else 0
+
+
+@contextmanager
+def advised(
+    path: Path | None, surface: TriSurface, *, is_as_given: bool, notes: Sequence[str] = ()
+) -> Iterator[None]:
+    """Say what is wrong with a surface by its file's numbers and positions, and what repairs it.
+
+    Args:
+        path: Of the file; nothing is added where None.
+        surface: As read or as repaired [m].
+        is_as_given: Whether its facets are the file's.
+        notes: What was found or done before.
+    """
+    try:
+        yield
+    except InputError as error:
+        kind = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
+        if path is None or not (kind or isinstance(error, SurfaceError)):
+            raise
+        what, done, hint = str(error), list[str](), ""
+        if isinstance(error, SurfaceError):
+            what, done, hint = error.summary, error.done, error.hint
+            surface = error.surface or surface
+        what += _where(error, path, surface, is_as_given)
+        before, after = REMEDIES[kind] if kind is not None else ("", "")
+        parts = [*notes, *done, what, hint, before if is_as_given else after]
+        error.args = (f"{path.name}: " + "; ".join(part for part in parts if part),)
+        raise
+
+
+def _where(error: InputError, path: Path, surface: TriSurface, is_as_given: bool) -> str:
+    """The first facets with their centres [m]; numbers where they are the file's."""
+    rows = [f for f in getattr(error, "facets", []) if 0 <= f < surface.num_facets]
+    if not rows or isinstance(error, EntangledError):
+        return ""
+    start = _first_number(path)
+    named = []
+    for row in rows[:_MOST_NAMED]:
+        at = _at(surface.points[surface.facets[row]].mean(axis=0))
+        named.append(f"facet {row + start} {at}" if is_as_given else at)
+    more = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
+    first = f" (the file's first is {start})" if is_as_given else ""
+    return f", {', '.join(named)}{more}{first}"
+
+
+def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurface]) -> str:
+    """Which facets of which files cut or touch each other, and where.
+
+    Args:
+        error: With the surfaces' names.
+        bodies: By name.
+    """
+    labels = {name: name if b.path is None else b.path.name for name, b in bodies.items()}
+    found = []
+    for pair, position in zip(error.pairs[:_MOST_NAMED], error.places, strict=False):
+        numbers = [
+            f"facet {row + _first_number(bodies[name].path)} of {labels[name]}"
+            for name, row in zip(error.names, pair, strict=True)
+            if bodies[name].is_as_given
+        ]
+        at = _at(position)
+        found.append(f"{' and '.join(numbers)} {at}" if numbers else at)
+    more = len(error.pairs) - len(found)
+    names = " and ".join(labels[name] for name in dict.fromkeys(error.names))
+    return (
+        f"{names} {error.why}: {len(error.pairs)} pair(s) of facets, {', '.join(found)}"
+        f"{f' and {more} more' if more > 0 else ''}; keep them apart, or give them these facets in "
+        "common"
+    )
+
+
+def require_countable(extents: Sequence[float], edge_length: float) -> None:
+    """Refuse a size that asks for more cells or facets than anybody can hold, before any is made.
+
+    Args:
+        extents: Of a box around the body [m], three.
+        edge_length: [m], > 0.
+
+    Raises:
+        InputError: More than 20 million cells, or 2 million facets.
+    """
+    a, b, c = (max(x / edge_length, 1.0) for x in extents)
+    cells, facets = _CELLS_PER_CUBE * a * b * c, 2.0 * _FACETS_PER_SQUARE * (a * b + b * c + c * a)
+    if not (cells <= _MOST_CELLS_OF_BOX and facets <= _MOST_FACETS_OF_BOX):
+        raise InputError(
+            f"edge_length = {edge_length:g} m asks for some {cells:.0e} cells and {facets:.0e} "
+            f"facets in a box of {max(extents):g} m; take a larger one"
+        )
 
 
 def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:

@@ -318,8 +318,7 @@ class Case:
         Raises:
             InputError: A file that cannot be read, or a surface that cannot be meshed.
         """
-        from palpate.validation.case.geometry import build_mesh
-        from palpate.validation.case.meshing import BuiltMesh
+        from palpate.validation.case.meshing import BuiltMesh, build_mesh
 
         units = self.spec.units
         try:

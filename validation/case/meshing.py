@@ -1,4 +1,4 @@
-"""From a closed surface to a mesh, as the case's [mesh] table asks."""
+"""The mesh of a case: read, or a closed surface filled as the [mesh] table asks."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -29,26 +30,34 @@ from palpate.fastsim.mesher import (
     largest_edge,
     mesh_surface,
 )
-from palpate.fastsim.nested_bodies import mesh_bodies
+from palpate.fastsim.nested_bodies import CrossingBodiesError, mesh_bodies
 from palpate.fastsim.surface_remesher import remesh_surface
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
+from palpate.meshes.files import read_mesh
 from palpate.meshes.gmsh_mesher import mesh_with_gmsh
 from palpate.meshes.problem import Material
+from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.body_schema import GradeSpec, MeshSpec
+from palpate.validation.case.body_schema import GeometrySpec, GradeSpec, MeshSpec
+from palpate.validation.case.geometry import (
+    MOST_CELLS,
+    LoadedSurface,
+    advised,
+    build_shape,
+    crossing_message,
+    inside_folder,
+    load_surface,
+    require_countable,
+)
+from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.units import Units
 
-MOST_CELLS = 2_000_000
 # The group of what lies in the body and in no inclusion.
 BODY = "body"
 # Of gmsh, a process of its own [s].
 _GMSH_LIMIT = 300.0
-# Of a box around the body, which may be mostly empty.
-_MOST_CELLS_OF_BOX, _MOST_FACETS_OF_BOX = 10 * MOST_CELLS, MOST_CELLS
-# Regular tetrahedra of edge h fill 6 sqrt(2) to h^3, regular triangles 4 / sqrt(3) to h^2.
-_CELLS_PER_CUBE, _FACETS_PER_SQUARE = 8.49, 2.31
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,192 +106,171 @@ def _said(report: MeshingReport) -> str:
     return words + (" (the work on them is bounded)" if report.is_cut_short else "")
 
 
-def require_countable(extents: Sequence[float], edge_length: float) -> None:
-    """Refuse a size that asks for more cells or facets than anybody can hold, before any is made.
-
-    Args:
-        extents: Of a box around the body [m], three.
-        edge_length: [m], > 0.
+def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
+    """Make or read the mesh of a case.
 
     Raises:
-        InputError: More than 20 million cells, or 2 million facets.
+        InputError: A file that cannot be read, a surface that bounds no solid, or no mesher
+            that manages.
     """
-    a, b, c = (max(x / edge_length, 1.0) for x in extents)
-    cells, facets = _CELLS_PER_CUBE * a * b * c, 2.0 * _FACETS_PER_SQUARE * (a * b + b * c + c * a)
-    if not (cells <= _MOST_CELLS_OF_BOX and facets <= _MOST_FACETS_OF_BOX):
-        raise InputError(
-            f"edge_length = {edge_length:g} m asks for some {cells:.0e} cells and {facets:.0e} "
-            f"facets in a box of {max(extents):g} m; take a larger one"
-        )
+    geometry, units = spec.geometry, spec.units
+    scale = units.metres(1.0)
+    within = {
+        f"inclusion {k}": one.surface
+        for k, one in enumerate(spec.inclusion, 1)
+        if one.surface is not None
+    }
+    if geometry.mesh is not None:
+        if within:
+            raise InputError(
+                "an inclusion with a surface needs a body with one, or a shape: give a mesh file's "
+                "inclusion by a group of its cells"
+            )
+        path = inside_folder(folder, geometry.mesh)
+        return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
+    if geometry.surface is not None:
+        path = inside_folder(folder, geometry.surface)
+        wrap = None if geometry.wrap is None else units.metres(geometry.wrap)
+        choices = _repair_choices(geometry, units)
+        loaded = load_surface(path, scale=scale, repair=choices, wrap=wrap)
+    else:
+        loaded = LoadedSurface(build_shape(geometry, units), [], {})
+    others = {
+        name: load_surface(inside_folder(folder, surface), scale=scale)
+        for name, surface in within.items()
+    }
+    built = fill_loaded(loaded, spec.mesh, units, others)
+    notes = [note for one in (loaded, *others.values()) for note in one.notes]
+    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
 
 
-def fill(
-    surface: TriSurface,
+def _repair_choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
+    if not geometry.repair:
+        return None
+    given = geometry.repair_distance
+    return RepairChoices(
+        distance=None if given is None else units.metres(given),
+        largest_hole=geometry.largest_hole,
+        smallest_shell=units.metres(geometry.smallest_shell),
+    )
+
+
+def fill_loaded(
+    loaded: LoadedSurface,
     spec: MeshSpec,
     units: Units,
-    groups: Mapping[str, Sequence[int]] | None = None,
+    inclusions: Mapping[str, LoadedSurface] | None = None,
     how: Filling | None = None,
 ) -> BuiltMesh:
-    """Fill a surface: better facets first, where asked for.
+    """Fill a surface with tetrahedra: better facets first, where asked for.
 
     A mesh that keeps its facets is graded by bisection afterwards; with a free boundary fastsim's
-    mesher makes it graded from the start.
+    mesher makes it graded from the start. With inclusions one mesh has the facets of all surfaces.
 
     Args:
-        surface: Bounds a solid [m].
+        loaded: Bounds a solid [m]. The groups of its facets become those of the facets of the
+            mesh's boundary that lie there, whatever became of the given ones.
         spec: Who fills it, and how finely.
         units: Of the lengths in `spec`.
-        groups: Facets of the surface by name; in the mesh the same names have the facets of its
-            boundary that lie there, whatever became of the given ones.
+        inclusions: Surfaces in the body, or beside it, whose names become groups of cells.
         how: What is not the case's: who waits, and for what step.
 
     Raises:
-        InputError: A surface that bounds no solid, no mesher that manages, too many cells, or no
-            time left.
+        InputError: A surface that bounds no solid, surfaces that cut each other, no mesher that
+            manages, too many cells, keys that do not go with inclusions, or no time left. What is
+            wrong with a file is said by its numbers.
     """
     how = how or Filling()
+    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+    # A free boundary has facets of its own.
+    is_as_given = loaded.is_as_given and spec.boundary_distance is None
+    path = None if inclusions else loaded.path
     try:
-        built = _filled(surface, spec, units, how)
+        with advised(path, loaded.surface, is_as_given=is_as_given):
+            if inclusions:
+                built = _fill_bodies({BODY: loaded, **inclusions}, spec, size, how)
+            else:
+                built = _fill(loaded.surface, spec, units, size, how)
     except TimeLimitError as error:
         # Of what was left of it, so far.
         raise TimeLimitError(how.time_limit or error.time_limit, error.stage) from error
-    if not groups:
+    if not loaded.groups:
         return built
-    return BuiltMesh(_with_groups(built.mesh, surface, groups), built.origin)
+    mesh = built.mesh
+    named = {**mesh.facet_groups, **_groups_by_position(mesh, loaded.surface, loaded.groups)}
+    mesh = TetMesh(mesh.points, mesh.cells, named, mesh.point_groups, mesh.cell_groups)
+    return BuiltMesh(mesh, built.origin)
 
 
-def _with_groups(
-    mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
-) -> TetMesh:
-    named = {**mesh.facet_groups, **groups_by_place(mesh, surface, groups)}
-    return TetMesh(mesh.points, mesh.cells, named, mesh.point_groups, mesh.cell_groups)
-
-
-def fill_bodies(
-    surfaces: Mapping[str, TriSurface],
-    spec: MeshSpec,
-    units: Units,
-    groups: Mapping[str, Sequence[int]],
-    how: Filling | None = None,
+def _fill_bodies(
+    bodies: Mapping[str, LoadedSurface], spec: MeshSpec, size: float | None, how: Filling
 ) -> BuiltMesh:
-    """Fill a body and the surfaces in it, or beside it, with one mesh that has all their facets.
-
-    Args:
-        surfaces: By name [m], the body first; the names are groups of cells afterwards.
-        spec: Who fills it, and how finely; facets are kept.
-        units: Of the lengths in `spec`.
-        groups: Facets of the body by name; see `fill`.
-        how: Who waits, and until when; without a target.
-
-    Raises:
-        InputError: As `fill`; and surfaces that cut each other, or keys that inclusions do not
-            go with.
-    """
+    """A body and the surfaces in it, the body first, with all their facets."""
     if spec.boundary_distance is not None or spec.grade or spec.mesher == "gmsh":
         raise InputError(
             "surfaces of inclusions are kept as they are, by fastsim's mesher: a free boundary, "
             "grades and gmsh do not go with them"
         )
-    wish = how or Filling()
-    if wish.target is not None:
+    if how.target is not None:
         raise InputError("a target for the time step does not go with inclusions")
-    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
-    body = surfaces[BODY]
     if size is not None:
-        require_countable([float(x) for x in np.ptp(body.points, axis=0)], size)
+        require_countable(np.ptp(bodies[BODY].surface.points, axis=0).tolist(), size)
 
     def make(region: TriSurface, report: Callable[[MeshingReport], None]) -> TetMesh:
         return mesh_surface(
             region,
             edge_length=size,
             interior=Interior(spec.interior),
-            time_limit=wish.time_left(),
-            progress=wish.progress,
+            time_limit=how.time_left(),
+            progress=how.progress,
             report=report,
         )
 
     try:
-        mesh = mesh_bodies(surfaces, make=make)
-    except TimeLimitError as error:
-        raise TimeLimitError(wish.time_limit or error.time_limit, error.stage) from error
-    if groups:
-        mesh = _with_groups(mesh, body, groups)
+        mesh = mesh_bodies({name: body.surface for name, body in bodies.items()}, make=make)
+    except CrossingBodiesError as error:
+        error.args = (crossing_message(error, bodies),)
+        raise
     cells = ", ".join(f"{len(rows)} of {name}" for name, rows in mesh.cell_groups.items())
     return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells, {cells}")
 
 
-def groups_by_place(
-    mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
-) -> dict[str, Indices]:
-    """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others.
-
-    Args:
-        mesh: Of the surface, facets kept, cut or replaced nearby.
-        surface: [m].
-        groups: Its facets by name.
-    """
-    centres = mesh.points[mesh.boundary_facets].mean(axis=1)
-    found = {}
-    for name, rows in groups.items():
-        is_one = np.zeros(surface.num_facets, dtype=bool)
-        is_one[list(rows)] = True
-        near = SurfaceDistance(surface.points, surface.facets[is_one]).distances(centres)
-        if is_one.all():
-            found[name] = mesh.boundary_facets
-            continue
-        other = SurfaceDistance(surface.points, surface.facets[~is_one]).distances(centres)
-        found[name] = mesh.boundary_facets[near < other]
-    return found
-
-
-def _filled(surface: TriSurface, spec: MeshSpec, units: Units, how: Filling) -> BuiltMesh:
-    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+def _fill(
+    surface: TriSurface, spec: MeshSpec, units: Units, size: float | None, how: Filling
+) -> BuiltMesh:
     if size is not None:
-        require_countable([float(x) for x in np.ptp(surface.points, axis=0)], size)
+        require_countable(np.ptp(surface.points, axis=0).tolist(), size)
     done = []
     if spec.boundary_distance is not None:
+        distance = units.metres(spec.boundary_distance)
         if spec.grade and spec.mesher != "gmsh":
-            return _fill_graded(surface, spec, units, size, how)
-        surface, report = remesh_surface(
-            surface, distance=units.metres(spec.boundary_distance), edge_length=size
-        )
+            # Facets and cells as small as the grades ask, made at once.
+            reports: list[MeshingReport] = []
+            mesh = mesh_surface(
+                surface,
+                edge_length=size,
+                size_field=_size_field(surface, spec.grade, units),
+                boundary=Boundary.FREE,
+                boundary_distance=distance,
+                time_limit=how.time_left(),
+                progress=how.progress,
+                report=reports.append,
+            )
+            line = reports[0].remesh.line() if reports[0].remesh else ""
+            return BuiltMesh(mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {line}")
+        surface, report = remesh_surface(surface, distance=distance, edge_length=size)
         done.append(report.line())
         # That was the surface's length; a graded interior grows from there.
         size = None if spec.interior == "graded" else size
     built = _fill_kept(surface, spec, size, how)
     mesh = built.mesh
     if spec.grade:
-        mesh = grade(mesh, spec.grade, units)
+        graded = GradedMesh(mesh)
+        field = _size_field(mesh.surface(), spec.grade, units)
+        refine_to_size(graded, field, max_cells=MOST_CELLS)
+        mesh = graded.mesh
         done.append(f"graded to {mesh.num_cells} cells")
     return BuiltMesh(mesh, "; ".join([built.origin, *done]))
-
-
-def _fill_graded(
-    surface: TriSurface, spec: MeshSpec, units: Units, size: float | None, how: Filling
-) -> BuiltMesh:
-    """Facets and cells as small as the grades ask, made at once."""
-    assert spec.boundary_distance is not None
-    done: list[MeshingReport] = []
-    mesh = mesh_surface(
-        surface,
-        edge_length=size,
-        size_field=_size_field(surface, spec.grade, units),
-        boundary=Boundary.FREE,
-        boundary_distance=units.metres(spec.boundary_distance),
-        time_limit=how.time_left(),
-        progress=how.progress,
-        report=done.append,
-    )
-    remesh = done[0].remesh
-    assert remesh is not None
-    return BuiltMesh(mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {remesh.line()}")
-
-
-def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
-    """Refine by bisection until every grade's sizes are met."""
-    graded = GradedMesh(mesh)
-    refine_to_size(graded, _size_field(mesh.surface(), grades, units), max_cells=MOST_CELLS)
-    return graded.mesh
 
 
 def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:
@@ -297,12 +285,7 @@ def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) 
             distance = distance_to_facets(surface)
         smallest = units.metres(one.smallest)
         fields.append(grow_with_distance(distance, smallest=smallest, growth=one.growth))
-
-    def size(places: Points) -> Points:
-        sizes: Points = np.min([field(places) for field in fields], axis=0)
-        return sizes
-
-    return size
+    return lambda points: np.min([field(points) for field in fields], axis=0)
 
 
 def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None, how: Filling) -> BuiltMesh:
@@ -346,3 +329,27 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None, how: Fil
         raise
     why = f" (fastsim's mesher did not manage: {refusal})" if refusal else ""
     return BuiltMesh(mesh, f"meshed by gmsh: {mesh.num_cells} cells{why}")
+
+
+def _groups_by_position(
+    mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
+) -> dict[str, Indices]:
+    """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others.
+
+    Args:
+        mesh: Of the surface, facets kept, cut or replaced nearby.
+        surface: [m].
+        groups: Its facets by name.
+    """
+    centres = mesh.points[mesh.boundary_facets].mean(axis=1)
+    found = {}
+    for name, rows in groups.items():
+        is_one = np.zeros(surface.num_facets, dtype=bool)
+        is_one[list(rows)] = True
+        near = SurfaceDistance(surface.points, surface.facets[is_one]).distances(centres)
+        if is_one.all():
+            found[name] = mesh.boundary_facets
+            continue
+        other = SurfaceDistance(surface.points, surface.facets[~is_one]).distances(centres)
+        found[name] = mesh.boundary_facets[near < other]
+    return found

@@ -109,7 +109,7 @@ def import_model(
     require_outputs({"--output": output, "its mesh": mesh}, inputs=[model])
     _require_new(output, mesh)
     imported = make_case(model, output, units)
-    print_lines(imported.told, "note: ")
+    print_lines(imported.notes, "note: ")
     print_lines(imported.ignored, "left out: ")
     _print_preview(load_case(output))
     print(f"{output} and {mesh.name}: look at what is marked GUESS, then: palpate report {output}")

@@ -92,8 +92,8 @@ def mesh(
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case.body_schema import MeshSpec
-    from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
-    from palpate.validation.case.meshing import Filling
+    from palpate.validation.case.geometry import LoadedSurface, load_surface
+    from palpate.validation.case.meshing import Filling, fill_loaded
     from palpate.validation.case.units import LENGTH, Units
     from palpate.validation.output_files import require_outputs
 

@@ -13,7 +13,7 @@ from palpate.validation.case import load_case
 from palpate.validation.importing.abaqus import read_abaqus
 from palpate.validation.importing.case_files import Imported, as_case
 from palpate.validation.importing.febio import read_febio
-from palpate.validation.importing.model import ImportRefusedError, Model, ModelUnits, UnitSystem
+from palpate.validation.importing.model import ImportRefusedError, Model, UnitSystem
 from palpate.validation.importing.mujoco import read_mujoco
 
 __all__ = ["ImportRefusedError", "Imported", "UnitSystem", "import_model"]
@@ -49,7 +49,7 @@ def import_model(path: Path, target: Path, units: UnitSystem | None = None) -> I
     model = reader(path)
     if units is None:
         raise InputError(_ask_for_units(model))
-    imported = as_case(model, ModelUnits.of(units), target)
+    imported = as_case(model, units, target)
     with scratch_folder("import") as folder:
         # Meshes that cannot be, bodies that float: known before anything is written.
         imported.write(folder / target.name)
@@ -66,8 +66,9 @@ def _ask_for_units(model: Model) -> str:
     name, value = next(((k, v) for k, v in constants.items() if isinstance(v, float)), ("E", 0.0))
     choices = []
     for system in UnitSystem:
-        units = ModelUnits.of(system)
-        choices.append(f"{system} ({size:g} {units.length} long, {name} {value:g} {units.stress})")
+        units = system.table
+        long, stress = f"{size:g} {units['length']} long", f"{value:g} {units['stress']}"
+        choices.append(f"{system} ({long}, {name} {stress})")
     return (
         f"{model.path.name} does not say its units, and nothing is guessed: give --units, one of "
         + "; ".join(choices)

@@ -22,10 +22,10 @@ from palpate.validation.importing.abaqus_mesh import AbaqusMesh, Card, read_card
 from palpate.validation.importing.model import (
     Body,
     Face,
-    Hold,
+    FixedNodes,
     ImportRefusedError,
     Model,
-    Place,
+    Source,
     finite,
     whole,
 )
@@ -101,7 +101,7 @@ class _Reader:
         elif card.keyword in _HARMLESS or (
             card.keyword in _HARMLESS_OF_MATERIALS and self.material is not None
         ):
-            self.ignored.append(f"line {card.place.line} *{card.keyword}")
+            self.ignored.append(f"line {card.source.line} *{card.keyword}")
         else:
             raise card.refuse(
                 f"*{card.keyword[:40]} is not known here: it may change the mechanics, so nothing "
@@ -188,17 +188,17 @@ class _Reader:
             np.array(list(self.mesh.nodes), dtype=np.int64),
             title=self.title,
             strain=Strain.GREEN if is_green else Strain.LINEAR,
-            told=self.mesh.told(),
+            notes=self.mesh.notes(),
             ignored=self.ignored,
         )
         for body in bodies:
             if "law" in body.constants and not is_green:
-                raise body.place.refuse(
+                raise body.source.refuse(
                     "*HYPERELASTIC in a step without NLGEOM: programs differ in what that is; "
                     "say NLGEOM, or *ELASTIC"
                 )
         if is_green and any("law" not in body.constants for body in bodies):
-            model.told.append(
+            model.notes.append(
                 "*ELASTIC under NLGEOM is read as CalculiX has it, Saint-Venant-Kirchhoff; in "
                 "Abaqus it is a law of logarithmic strain, which agrees for small strains only"
             )
@@ -217,7 +217,7 @@ class _Reader:
                 raise section.refuse(f"no material {name} with *ELASTIC or *HYPERELASTIC")
             if name not in names:
                 names.append(name)
-            cells = self.mesh.cells_of(section.require("ELSET"), section.place)
+            cells = self.mesh.cells_of(section.require("ELSET"), section.source)
             rows = self.mesh.rows_of(cells)
             other = body_of[rows]
             if ((other >= 0) & (other != names.index(name))).any():
@@ -227,7 +227,7 @@ class _Reader:
             if (body_of[self.mesh.rows_of([cell])] < 0).any():
                 raise ImportRefusedError(self.path, None, f"element {cell} is in no *SOLID SECTION")
         bodies = [
-            Body(self.constants[name], self.densities.get(name), self.materials[name].place)
+            Body(self.constants[name], self.densities.get(name), self.materials[name].source)
             for name in names
         ]
         return bodies, body_of
@@ -281,7 +281,7 @@ class _Loads:
         self, model: Model, mesh: AbaqusMesh, amplitudes: dict[str, Card], end_time: float
     ) -> None:
         self.model, self.mesh, self.amplitudes, self.end_time = model, mesh, amplitudes, end_time
-        self.pushed: dict[tuple[int, int], Place] = {}
+        self.pushed: dict[tuple[int, int], Source] = {}
         self.pressed: set[tuple[int, int]] = set()
         # Nodes that are fixed one by one, by component and displacement.
         self.singles: dict[tuple[int, float], set[int]] = {}
@@ -311,9 +311,9 @@ class _Loads:
         for (axis, value), rows in self.singles.items():
             by_nodes.setdefault(tuple(sorted(rows)), {})[axis] = value
         for nodes, components in by_nodes.items():
-            place = next(card.place for card in cards if card.keyword == "BOUNDARY")
+            source = next(card.source for card in cards if card.keyword == "BOUNDARY")
             held = np.array(nodes, dtype=np.int64)
-            self.model.holds.append(Hold("held", held, components, place))
+            self.model.holds.append(FixedNodes("held", held, components, source))
 
     def _factor(self, card: Card) -> float:
         """What the card's amplitude is worth at the end of the step."""
@@ -341,15 +341,15 @@ class _Loads:
         if "FIXED" in card.parameters:
             raise card.refuse("*BOUNDARY, FIXED holds points where an earlier step left them")
         holds = self.model.holds
-        for place, fields in card.rows(2, 4):
-            axes, value = _fixed(fields, place)
+        for source, fields in card.rows(2, 4):
+            axes, value = _fixed(fields, source)
             value = factor * value + 0.0  # no minus zero
             if not axes:
                 self.model.ignored.append(
-                    f"line {place.line} *BOUNDARY of rotations, which solids lack"
+                    f"line {source.line} *BOUNDARY of rotations, which solids lack"
                 )
                 continue
-            nodes = self.mesh.nodes_of(fields[0], place)
+            nodes = self.mesh.nodes_of(fields[0], source)
             rows = sorted({self.mesh.row_of[node] for node in nodes})
             if len(nodes) == 1:
                 for axis in axes:
@@ -361,20 +361,20 @@ class _Loads:
             if holds and holds[-1].name == name and not set(axes) & set(holds[-1].components):
                 holds[-1].components.update(components)
             else:
-                holds.append(Hold(name, np.array(rows, dtype=np.int64), components, place))
+                holds.append(FixedNodes(name, np.array(rows, dtype=np.int64), components, source))
 
     def _cload(self, card: Card, factor: float) -> None:
         card.only("OP", "AMPLITUDE", "LOAD CASE")
-        for place, fields in card.rows(3, 3):
-            axis = whole(fields[1], place, "*CLOAD") - 1
+        for source, fields in card.rows(3, 3):
+            axis = whole(fields[1], source, "*CLOAD") - 1
             if axis not in (0, 1, 2):
-                raise place.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
-            value = factor * finite(fields[2], place, "*CLOAD")
-            for node in self.mesh.nodes_of(fields[0], place):
+                raise source.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
+            value = factor * finite(fields[2], source, "*CLOAD")
+            for node in self.mesh.nodes_of(fields[0], source):
                 row = self.mesh.row_of[node]
-                other = self.pushed.setdefault((row, axis), place)
-                if other is not place:
-                    raise place.refuse(
+                other = self.pushed.setdefault((row, axis), source)
+                if other is not source:
+                    raise source.refuse(
                         f"*CLOAD: node {node} is pushed along {'xyz'[axis]} in line {other.line} "
                         "too; programs differ in whether they add: give the sum once"
                     )
@@ -382,75 +382,75 @@ class _Loads:
 
     def _dload(self, card: Card, factor: float) -> None:
         card.only("OP", "AMPLITUDE", "LOAD CASE")
-        model, faces = self.model, dict[float, tuple[Place, list[tuple[int, int]]]]()
-        for place, fields in card.rows(3, 6):
+        model, faces = self.model, dict[float, tuple[Source, list[tuple[int, int]]]]()
+        for source, fields in card.rows(3, 6):
             kind = fields[1].strip().upper()
-            value = factor * finite(fields[2], place, "*DLOAD")
+            value = factor * finite(fields[2], source, "*DLOAD")
             if kind == "GRAV":
-                self._require_whole(fields[0], place)
-                model.acceleration = _added(model.acceleration, _gravity(fields, place, value))
+                self._require_whole(fields[0], source)
+                model.acceleration = _added(model.acceleration, _gravity(fields, source, value))
             elif kind in ("BX", "BY", "BZ"):
-                self._require_whole(fields[0], place)
+                self._require_whole(fields[0], source)
                 model.body_force = _added(model.body_force, value * np.eye(3)["XYZ".index(kind[1])])
             elif len(kind) == 2 and kind[0] == "P":
-                named = self.mesh.faces_of(fields[0], kind, "P", place)
-                faces.setdefault(value, (place, []))[1].extend(named)
+                named = self.mesh.faces_of(fields[0], kind, "P", source)
+                faces.setdefault(value, (source, []))[1].extend(named)
             else:
-                raise place.refuse(
+                raise source.refuse(
                     f"*DLOAD of kind {kind[:20]!r}; known here are P1 to P6, GRAV, BX, BY, BZ"
                 )
-        for pressure, (place, named) in faces.items():
-            self._press("pressed", named, place, pressure)
+        for pressure, (source, named) in faces.items():
+            self._press("pressed", named, source, pressure)
 
-    def _require_whole(self, text: str, place: Place) -> None:
+    def _require_whole(self, text: str, source: Source) -> None:
         """A load by volume has to be of the whole body; an empty field is."""
-        if text.strip() and len(set(self.mesh.cells_of(text, place))) < len(self.mesh.cells):
-            raise place.refuse("*DLOAD: weight of a part; a case weighs the whole body")
+        if text.strip() and len(set(self.mesh.cells_of(text, source))) < len(self.mesh.cells):
+            raise source.refuse("*DLOAD: weight of a part; a case weighs the whole body")
 
     def _dsload(self, card: Card, factor: float) -> None:
         card.only("OP", "AMPLITUDE")
-        for place, fields in card.rows(3, 3):
+        for source, fields in card.rows(3, 3):
             kind, name = fields[1].strip().upper(), fields[0].strip('" ').upper().rpartition(".")[2]
             if kind != "P":
-                raise place.refuse(f"*DSLOAD of kind {kind[:20]!r}; known here is P, a pressure")
+                raise source.refuse(f"*DSLOAD of kind {kind[:20]!r}; known here is P, a pressure")
             if name not in self.mesh.surfaces:
-                raise place.refuse(f"no surface {name[:40]!r}")
-            value = factor * finite(fields[2], place, "*DSLOAD")
-            self._press(name, self.mesh.surfaces[name], place, value)
+                raise source.refuse(f"no surface {name[:40]!r}")
+            value = factor * finite(fields[2], source, "*DSLOAD")
+            self._press(name, self.mesh.surfaces[name], source, value)
 
     def _press(
-        self, name: str, faces: list[tuple[int, int]], place: Place, pressure: float
+        self, name: str, faces: list[tuple[int, int]], source: Source, pressure: float
     ) -> None:
         """Under NLGEOM a pressure follows the body, as a case's does; else both act at rest."""
         if self.pressed & set(faces):
-            raise place.refuse(
+            raise source.refuse(
                 "a face is pressed in two lines; programs differ in whether they add: give the sum "
                 "once"
             )
         self.pressed.update(faces)
-        self.model.faces.append(Face(name, self.mesh.facets(faces), place, pressure=pressure))
+        self.model.faces.append(Face(name, self.mesh.facets(faces), source, pressure=pressure))
 
 
-def _fixed(fields: list[str], place: Place) -> tuple[list[int], float]:
+def _fixed(fields: list[str], source: Source) -> tuple[list[int], float]:
     """Components from 0, and how far they are moved; 4 to 6 are rotations, which solids lack."""
     word = fields[1].strip().upper()
     if word in _NAMED:
         return list(_NAMED[word]), 0.0
-    first = whole(fields[1], place, "*BOUNDARY")
-    last = whole(fields[2], place, "*BOUNDARY") if len(fields) > 2 and fields[2] else first
+    first = whole(fields[1], source, "*BOUNDARY")
+    last = whole(fields[2], source, "*BOUNDARY") if len(fields) > 2 and fields[2] else first
     if not 1 <= first <= last <= 6:
-        raise place.refuse(f"*BOUNDARY: degrees of freedom {first} to {last}; solids have 1 to 3")
-    value = finite(fields[3], place, "*BOUNDARY") if len(fields) > 3 and fields[3] else 0.0
+        raise source.refuse(f"*BOUNDARY: degrees of freedom {first} to {last}; solids have 1 to 3")
+    value = finite(fields[3], source, "*BOUNDARY") if len(fields) > 3 and fields[3] else 0.0
     return [axis - 1 for axis in range(first, last + 1) if axis <= 3], value
 
 
-def _gravity(fields: list[str], place: Place, size: float) -> NDArray[np.float64]:
+def _gravity(fields: list[str], source: Source, size: float) -> NDArray[np.float64]:
     if len(fields) != 6:
-        raise place.refuse("*DLOAD, GRAV needs a size and a direction")
-    direction = np.array([finite(text, place, "*DLOAD") for text in fields[3:6]])
+        raise source.refuse("*DLOAD, GRAV needs a size and a direction")
+    direction = np.array([finite(text, source, "*DLOAD") for text in fields[3:6]])
     length = float(np.linalg.norm(direction))
     if not length > 0.0:
-        raise place.refuse("*DLOAD, GRAV: a direction of no length")
+        raise source.refuse("*DLOAD, GRAV: a direction of no length")
     return size * direction / length
 
 

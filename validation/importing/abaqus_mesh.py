@@ -21,7 +21,7 @@ from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import (
     FACES,
     ImportRefusedError,
-    Place,
+    Source,
     cut_cell,
     cut_face,
     finite,
@@ -41,12 +41,12 @@ class Card:
 
     keyword: str
     parameters: dict[str, str]
-    place: Place
-    lines: list[tuple[Place, list[str]]] = field(default_factory=list)
+    source: Source
+    lines: list[tuple[Source, list[str]]] = field(default_factory=list)
 
     def refuse(self, reason: str) -> ImportRefusedError:
         """The error that names its line."""
-        return self.place.refuse(reason)
+        return self.source.refuse(reason)
 
     def only(self, *names: str) -> None:
         """Refuse parameters beside these."""
@@ -66,26 +66,26 @@ class Card:
     def numbers(self) -> list[float]:
         """All fields of its data lines as numbers; empty ones are left out."""
         return [
-            finite(text, place, f"*{self.keyword}")
-            for place, fields in self.lines
+            finite(text, source, f"*{self.keyword}")
+            for source, fields in self.lines
             for text in fields
             if text
         ]
 
-    def rows(self, least: int, most: int) -> Iterator[tuple[Place, list[str]]]:
+    def rows(self, least: int, most: int) -> Iterator[tuple[Source, list[str]]]:
         """Its data lines, each with so many fields; empty ones at the end are left out.
 
         Raises:
             ImportRefusedError: A line of another length.
         """
-        for place, fields in self.lines:
+        for source, fields in self.lines:
             while len(fields) > 1 and not fields[-1]:
                 fields = fields[:-1]
             if not least <= len(fields) <= most:
-                raise place.refuse(
+                raise source.refuse(
                     f"*{self.keyword}: {len(fields)} field(s) in a line, needs {least} to {most}"
                 )
-            yield place, fields
+            yield source, fields
 
 
 def read_cards(path: Path) -> list[Card]:
@@ -125,7 +125,7 @@ class _Reader:
             while line.endswith(",") and number < len(lines):
                 line += lines[number].strip()
                 number += 1
-            card = _card(line, Place(path, start))
+            card = _card(line, Source(path, start))
             if card.keyword != "INCLUDE":
                 self.cards.append(card)
                 continue
@@ -138,31 +138,31 @@ class _Reader:
 
     def _data(self, path: Path, number: int, line: str) -> None:
         if not self.cards:
-            raise Place(path, number).refuse(f"data before any keyword: {line[:40]!r}")
+            raise Source(path, number).refuse(f"data before any keyword: {line[:40]!r}")
         fields = [text.strip() for text in line.split(",")]
-        self.cards[-1].lines.append((Place(path, number), fields))
+        self.cards[-1].lines.append((Source(path, number), fields))
 
 
-def _card(line: str, place: Place) -> Card:
+def _card(line: str, source: Source) -> Card:
     words = [m[1].strip() for m in _PARTS.finditer(line[1:]) if m[0]]
     keyword = " ".join(words[0].upper().split()) if words else ""
     if not keyword:
-        raise place.refuse("a star without a keyword")
+        raise source.refuse("a star without a keyword")
     parameters = {}
     for word in words[1:]:
         name, _, value = word.partition("=")
         if name.strip():
             parameters[name.strip().upper()] = value.strip().strip('"')
-    return Card(keyword, parameters, place)
+    return Card(keyword, parameters, source)
 
 
-def label_of(text: str, place: Place, what: str) -> int | str:
+def label_of(text: str, source: Source, what: str) -> int | str:
     """A number of a node or cell, or the name of a set in capitals, without its instance."""
     word = text.strip().strip('"')
     if not word:
-        raise place.refuse(f"{what}: an empty field")
+        raise source.refuse(f"{what}: an empty field")
     if word.lstrip("+-").isdigit():
-        return whole(word, place, what)
+        return whole(word, source, what)
     return word.upper().rpartition(".")[2] or word.upper()
 
 
@@ -218,7 +218,7 @@ class AbaqusMesh:
         """Tetrahedra of cells, numbered from 0."""
         return [row for cell in cells for row in self._rows_of[cell]]
 
-    def told(self) -> list[str]:
+    def notes(self) -> list[str]:
         """What was cut."""
         return [
             f"{count} cells of type {kind} are cut into tetrahedra: the same body where faces are "
@@ -232,13 +232,13 @@ class AbaqusMesh:
         if card.parameters.get("SYSTEM", "R").upper() != "R":
             raise card.refuse("*NODE, SYSTEM: coordinates in another system; write them in x, y, z")
         new = []
-        for place, fields in card.rows(1, 7):
-            label = whole(fields[0], place, "*NODE")
+        for source, fields in card.rows(1, 7):
+            label = whole(fields[0], source, "*NODE")
             # What is left out is 0.
             given = [*fields[1:4], "", "", ""][:3]
-            x, y, z = (finite(text or "0", place, "*NODE") for text in given)
+            x, y, z = (finite(text or "0", source, "*NODE") for text in given)
             if self.nodes.setdefault(label, (x, y, z)) != (x, y, z):
-                raise place.refuse(f"node {label} is there twice, at different places")
+                raise source.refuse(f"node {label} is there twice, at different places")
             new.append(label)
         if "NSET" in card.parameters:
             self.node_sets.setdefault(card.require("NSET"), []).extend(new)
@@ -254,20 +254,20 @@ class AbaqusMesh:
         count, new = _TYPES[kind], []
         # A cell of ten nodes may go on in the next line.
         words: list[str] = []
-        for place, fields in card.lines:
+        for source, fields in card.lines:
             words += [text for text in fields if text]
             if len(words) < 1 + count and not fields[-1]:
                 continue
             if len(words) != 1 + count:
-                raise place.refuse(f"an element of type {kind} needs {count} nodes")
-            label, *nodes = (whole(text, place, "*ELEMENT") for text in words)
+                raise source.refuse(f"an element of type {kind} needs {count} nodes")
+            label, *nodes = (whole(text, source, "*ELEMENT") for text in words)
             if label in self.cells:
-                raise place.refuse(f"element {label} is there twice")
+                raise source.refuse(f"element {label} is there twice")
             self.cells[label] = nodes
             new.append(label)
             for node in nodes:
                 if node not in self.nodes:
-                    raise place.refuse(f"element {label}: no node {node}")
+                    raise source.refuse(f"element {label}: no node {node}")
             words = []
         if words:
             raise card.refuse("an element is cut off")
@@ -281,15 +281,15 @@ class AbaqusMesh:
         known: Collection[int] = self.nodes if is_of_nodes else self.cells
         card.only(card.keyword, "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL")
         found: list[int] = []
-        for place, fields in card.lines:
+        for source, fields in card.lines:
             if "GENERATE" in card.parameters:
-                found += _generated(place, fields, f"*{card.keyword}")
+                found += _generated(source, fields, f"*{card.keyword}")
                 continue
             for text in fields:
                 if not text:
                     continue
-                label = label_of(text, place, f"*{card.keyword}")
-                found += [label] if isinstance(label, int) else _of(sets, label, place)
+                label = label_of(text, source, f"*{card.keyword}")
+                found += [label] if isinstance(label, int) else _of(sets, label, source)
         for label in found:
             if label not in known:
                 raise card.refuse(f"*{card.keyword} names {label}, which is not there")
@@ -303,37 +303,37 @@ class AbaqusMesh:
         if name in self.surfaces:
             raise card.refuse(f"surface {name} is there twice")
         faces = []
-        for place, fields in card.rows(1, 2):
+        for source, fields in card.rows(1, 2):
             if len(fields) < 2 or not fields[1]:
-                raise place.refuse("*SURFACE: needs a face, S1 to S6, after the element or set")
-            faces += self.faces_of(fields[0], fields[1], "S", place)
+                raise source.refuse("*SURFACE: needs a face, S1 to S6, after the element or set")
+            faces += self.faces_of(fields[0], fields[1], "S", source)
         self.surfaces[name] = faces
 
-    def faces_of(self, text: str, face: str, letter: str, place: Place) -> list[tuple[int, int]]:
+    def faces_of(self, text: str, face: str, letter: str, source: Source) -> list[tuple[int, int]]:
         """Of a cell or a set of them, with the number of the face: S1 or P1 to 6.
 
         Raises:
             ImportRefusedError: No face of one of them.
         """
-        word, cells = face.strip().upper(), self.cells_of(text, place)
+        word, cells = face.strip().upper(), self.cells_of(text, source)
         number = int(word[1]) if len(word) == 2 and word[1] in "123456" else 0
         for cell in cells:
             nodes = len(self.cells[cell])
             most = len(FACES.get(nodes, OPPOSITE))
             if word[:1] != letter or not 1 <= number <= most:
                 what = f"a cell of {nodes} nodes" if nodes in FACES else "a tetrahedron"
-                raise place.refuse(
+                raise source.refuse(
                     f"{word[:20]!r} is no face of {what}: {letter}1 to {letter}{most}"
                 )
         return [(cell, number) for cell in cells]
 
-    def cells_of(self, text: str, place: Place) -> list[int]:
+    def cells_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a cell or a set of them."""
-        return _named(text, place, "element", self.cells, self.cell_sets)
+        return _named(text, source, "element", self.cells, self.cell_sets)
 
-    def nodes_of(self, text: str, place: Place) -> list[int]:
+    def nodes_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a node or a set of them."""
-        return _named(text, place, "node", self.nodes, self.node_sets)
+        return _named(text, source, "node", self.nodes, self.node_sets)
 
     def facets(self, faces: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Faces of cells as rows of corner nodes, seen from outside counter-clockwise."""
@@ -358,29 +358,29 @@ class AbaqusMesh:
 
 
 def _named(
-    text: str, place: Place, what: str, known: Collection[int], sets: dict[str, list[int]]
+    text: str, source: Source, what: str, known: Collection[int], sets: dict[str, list[int]]
 ) -> list[int]:
-    label = label_of(text, place, f"{what} or set")
+    label = label_of(text, source, f"{what} or set")
     if isinstance(label, str):
-        return _of(sets, label, place)
+        return _of(sets, label, source)
     if label not in known:
-        raise place.refuse(f"no {what} {label}")
+        raise source.refuse(f"no {what} {label}")
     return [label]
 
 
-def _of(sets: dict[str, list[int]], name: str, place: Place) -> list[int]:
+def _of(sets: dict[str, list[int]], name: str, source: Source) -> list[int]:
     if name not in sets:
         known = ", ".join(list(sets)[:8]) or "none"
-        raise place.refuse(f"no set {name[:40]!r} (known: {known})")
+        raise source.refuse(f"no set {name[:40]!r} (known: {known})")
     return sets[name]
 
 
-def _generated(place: Place, fields: list[str], what: str) -> list[int]:
+def _generated(source: Source, fields: list[str], what: str) -> list[int]:
     words = [text for text in fields if text]
     if len(words) not in (2, 3):
-        raise place.refuse(f"{what}, GENERATE: needs first, last and step")
-    first, last, *rest = (whole(text, place, what) for text in words)
+        raise source.refuse(f"{what}, GENERATE: needs first, last and step")
+    first, last, *rest = (whole(text, source, what) for text in words)
     step = rest[0] if rest else 1
     if step < 1 or last < first or (last - first) // step > 10_000_000:
-        raise place.refuse(f"{what}, GENERATE: {first} to {last} by {step} is no range")
+        raise source.refuse(f"{what}, GENERATE: {first} to {last} by {step} is no range")
     return list(range(first, last + 1, step))

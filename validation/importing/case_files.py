@@ -22,10 +22,10 @@ from palpate.validation.importing.model import (
     MIDDLES,
     Body,
     Face,
-    Hold,
+    FixedNodes,
     ImportRefusedError,
     Model,
-    ModelUnits,
+    UnitSystem,
 )
 from palpate.validation.importing.nodal_forces import fit_body_force, fit_tractions
 
@@ -42,7 +42,7 @@ class Imported:
 
     text: str
     mesh: TetMesh
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
     ignored: tuple[str, ...]
 
     def write(self, target: Path) -> None:
@@ -53,7 +53,7 @@ class Imported:
             write_mesh(mesh_file, self.mesh, groups=True)
 
 
-def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
+def as_case(model: Model, units: UnitSystem, target: Path) -> Imported:
     """Turn a model into a case.
 
     Raises:
@@ -77,7 +77,12 @@ def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
         tables.loads.append({"kind": "gravity", "acceleration": shown})
     if model.body_force is not None:
         tables.add_weight(model.body_force)
-    told = [*model.told, *_about_middles(model), *_about_density(model, tables.loads), *tables.told]
+    notes = [
+        *model.notes,
+        *_about_middles(model),
+        *_about_density(model, tables.loads),
+        *tables.notes,
+    ]
     values = {
         "schema": 1,
         "title": model.title or f"{model.path.stem}, imported from {model.program}",
@@ -93,7 +98,9 @@ def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
         ],
     }
     mesh = TetMesh(tables.mesh.points, tables.mesh.cells, tables.facets, tables.points, groups)
-    return Imported(_head(model, told) + case_text(values), mesh, tuple(told), tuple(model.ignored))
+    return Imported(
+        _head(model, notes) + case_text(values), mesh, tuple(notes), tuple(model.ignored)
+    )
 
 
 class _Tables:
@@ -111,7 +118,7 @@ class _Tables:
         self.loads: list[dict[str, Any]] = []
         self.facets: dict[str, Indices] = {}
         self.points: dict[str, Indices] = {}
-        self.told: list[str] = []
+        self.notes: list[str] = []
         self.has_point_forces = False
         # Nodes as points of the case's mesh; -1 where a node is none.
         self.node_of = np.unique(model.corners)
@@ -146,22 +153,22 @@ class _Tables:
         Raises:
             ImportRefusedError: What contradicts, or middle nodes that are fixed without the ends.
         """
-        wanted: dict[tuple[int, int], tuple[float, Hold]] = {}
-        found: list[tuple[Hold, Indices]] = []
+        wanted: dict[tuple[int, int], tuple[float, FixedNodes]] = {}
+        found: list[tuple[FixedNodes, Indices]] = []
         for hold in self.model.holds:
             points = self._points_of(hold)
             for point in points.tolist():
                 for axis, value in hold.components.items():
                     other, by = wanted.setdefault((point, axis), (value, hold))
                     if other != value:
-                        raise hold.place.refuse(
+                        raise hold.source.refuse(
                             f"{hold.name} moves a node along {'xyz'[axis]} by {value:g} that "
-                            f"{by.name} (line {by.place.line}) moves by {other:g}; hold it once"
+                            f"{by.name} (line {by.source.line}) moves by {other:g}; hold it once"
                         )
             if len(points):
                 found.append((hold, points))
         if len(found) > MOST_TABLES:
-            raise found[MOST_TABLES][0].place.refuse(
+            raise found[MOST_TABLES][0].source.refuse(
                 f"displacements are prescribed in {len(found)} different ways, more than the "
                 f"{MOST_TABLES} tables a case is given here; a turn or a uniform displacement of a "
                 "whole face can be said in one [[support]] by hand"
@@ -186,7 +193,7 @@ class _Tables:
                     table["displacement"] = [hold.components.get(axis, 0.0) for axis in range(3)]
                 self.supports.append(table)
 
-    def _points_of(self, hold: Hold) -> Indices:
+    def _points_of(self, hold: FixedNodes) -> Indices:
         """Points that stand for fixed nodes."""
         fixed = set(hold.nodes.tolist())
         loose = 0
@@ -196,12 +203,12 @@ class _Tables:
             if node not in self.ends:
                 loose += 1
             elif not fixed.issuperset(self.ends[node]):
-                raise hold.place.refuse(
+                raise hold.source.refuse(
                     f"{hold.name} holds the middle node {self.model.labels[node]} of an edge whose "
                     "ends it does not hold both; a case has corner nodes only: hold whole faces"
                 )
         if loose:
-            self.model.told.append(f"{hold.name}: {loose} held node(s) of no element are left out")
+            self.model.notes.append(f"{hold.name}: {loose} held node(s) of no element are left out")
         points = np.unique(self.point_of[hold.nodes]).astype(np.int32)
         return points[points >= 0]
 
@@ -215,11 +222,11 @@ class _Tables:
         rows = [self.row_of.get(tuple(row), -1) for row in _sorted(facets)]
         if -1 in rows:
             guilty = self.model.labels[face.facets[rows.index(-1)]].tolist()
-            raise face.place.refuse(
+            raise face.source.refuse(
                 f"{face.name}: the facet of nodes {guilty} is none of the body's boundary"
             )
         if len(set(rows)) < len(rows):
-            raise face.place.refuse(f"{face.name}: a facet is named twice")
+            raise face.source.refuse(f"{face.name}: a facet is named twice")
         ours = self.mesh.boundary_facets[rows]
         if face.pressure is None:
             # A traction has its own direction, whichever way a facet looks.
@@ -270,7 +277,9 @@ class _Tables:
             noise = 1e-9 * np.abs(model.forces).max()
             forces[np.abs(forces).max(axis=1) <= noise] = 0.0
             self.add_weight(density)
-            self.told.append("forces on inner nodes are those of a uniform weight: read as gravity")
+            self.notes.append(
+                "forces on inner nodes are those of a uniform weight: read as gravity"
+            )
         fitted, left = fit_tractions(model.nodes, corners, middles, forces)
         for number, traction in enumerate(fitted, 1):
             values = traction.values.tolist()
@@ -285,7 +294,7 @@ class _Tables:
             wanted = "nodal-forces" if len(fitted) == 1 else f"nodal-forces-{number}"
             name = self._push(wanted, self.point_of[traction.facets].astype(np.int32), table)
             kind = "a uniform" if len(values) == 1 else "an affine"
-            self.told.append(
+            self.notes.append(
                 f"forces on nodes are those of {kind} traction on {len(traction.facets)} facets: "
                 f"read as one on {name}"
             )
@@ -318,7 +327,7 @@ class _Tables:
                 {"kind": "point_force", "region": {"group": name}, "force": force.tolist()}
             )
         self.has_point_forces = True
-        self.told.append(
+        self.notes.append(
             f"forces on {len(loaded)} node(s) are those of no uniform or affine traction: they "
             "stay forces on points, under which displacements have no limit; no truth is possible, "
             "only checks on the same mesh"
@@ -326,7 +335,7 @@ class _Tables:
 
 
 def _materials(
-    model: Model, units: ModelUnits
+    model: Model, units: UnitSystem
 ) -> tuple[dict[str, NDArray[np.int32]], dict[str, Any], list[dict[str, Any]]]:
     """Groups of cells, the table [material] of the largest part, and the [[inclusion]] tables."""
     counts = np.bincount(model.body_of, minlength=len(model.bodies))
@@ -343,13 +352,13 @@ def _materials(
         )
     laws = {body.constants.get("law") for k, body in enumerate(model.bodies) if counts[k]}
     if len(laws) > 1:
-        raise model.bodies[main].place.refuse(
+        raise model.bodies[main].source.refuse(
             f"a body of several laws ({', '.join(sorted(map(str, laws)))}); a case has one"
         )
     return groups, _material(model.bodies[main], units), inclusions
 
 
-def _material(body: Body, units: ModelUnits) -> dict[str, Any]:
+def _material(body: Body, units: UnitSystem) -> dict[str, Any]:
     table = dict(body.constants)
     if body.density is not None:
         table["density"] = units.kilograms_per_cubic_metre(body.density)
@@ -360,7 +369,7 @@ def _about_density(model: Model, loads: list[dict[str, Any]]) -> list[str]:
     used = [model.bodies[k] for k in np.unique(model.body_of)]
     has_weight = any(load["kind"] == "gravity" for load in loads)
     if has_weight and len({body.density for body in used}) > 1:
-        raise used[1].place.refuse(
+        raise used[1].source.refuse(
             "gravity on parts of different density; a case weighs the whole body by its own "
             "material's density"
         )
@@ -368,7 +377,7 @@ def _about_density(model: Model, loads: list[dict[str, Any]]) -> list[str]:
     if not without:
         return []
     if has_weight and model.acceleration is not None:
-        raise without[0].place.refuse("gravity acts, and this material has no density; give one")
+        raise without[0].source.refuse("gravity acts, and this material has no density; give one")
     return ["no density in the file: 1000 kg/m3 stands in the case, on which no force depends"]
 
 
@@ -379,21 +388,21 @@ def _about_middles(model: Model) -> list[str]:
     ends = model.nodes[model.corners[quadratic][:, MIDDLES]]
     straight, edges = ends.mean(axis=2), np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
     off = np.linalg.norm(model.nodes[model.middles[quadratic]] - straight, axis=2) / edges
-    told = [
+    notes = [
         f"{int(quadratic.sum())} quadratic tetrahedra are read by their corners: how cells are "
         "interpolated is the simulator's affair, not the case's"
     ]
     if off.max() > _STRAIGHT:
-        told.append(
+        notes.append(
             f"{int((off > _STRAIGHT).sum())} of their edges are curved, by up to {off.max():.2g} "
             "of their length: the case's body has straight ones"
         )
-    return told
+    return notes
 
 
-def _head(model: Model, told: list[str]) -> str:
+def _head(model: Model, notes: list[str]) -> str:
     lines = [f"Imported from {model.path.name} ({model.program})."]
-    lines += [f"- {line}" for line in told]
+    lines += [f"- {line}" for line in notes]
     if model.ignored:
         shown = [*model.ignored[:_MOST_SHOWN], *["..."] * (len(model.ignored) > _MOST_SHOWN)]
         lines.append(f"- left out, for no mechanics depend on it: {'; '.join(shown)}")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.material_law import Law
 from palpate.validation.importing.febio_mesh import FebioMesh, read_mesh_sections
-from palpate.validation.importing.model import Body, Face, Hold, Model
+from palpate.validation.importing.model import Body, Face, FixedNodes, Model
 from palpate.validation.importing.xml_tree import Element, read_xml
 
 VERSIONS = ("2.5", "3.0", "4.0")
@@ -86,7 +86,7 @@ def read_febio(path: Path) -> Model:
         bodies,
         _bodies_of_cells(mesh.material_of, body_names),
         mesh.labels,
-        told=mesh.told,
+        notes=mesh.notes,
         ignored=ignored,
     )
     _Loads(model, mesh, _LoadCurves(sections)).put(sections)
@@ -164,7 +164,7 @@ def _body(material: Element) -> Body:
     density = values.get("density")
     if kind != "Mooney-Rivlin":
         constants = {"youngs_modulus": values["E"], "poissons_ratio": values["v"]}
-        return Body({"law": str(_LAWS[kind]), **constants}, density, material.place)
+        return Body({"law": str(_LAWS[kind]), **constants}, density, material.source)
     model = material.child("pressure_model")
     law = Law.MOONEY_RIVLIN_LOG
     if model is not None:
@@ -180,7 +180,7 @@ def _body(material: Element) -> Body:
             "<laugon>: an augmented bulk modulus has no end; a case has a number"
         )
     constants = {"c10": values["c1"], "c01": values["c2"], "bulk_modulus": values["k"]}
-    return Body({"law": str(law), **constants}, density, material.place)
+    return Body({"law": str(law), **constants}, density, material.source)
 
 
 def _bodies_of_cells(
@@ -318,7 +318,7 @@ class _Loads:
         if components:
             name = condition.attributes.get("name", condition.attributes.get("node_set", "held"))
             nodes = self.mesh.nodes_of(condition)
-            self.model.holds.append(Hold(name, nodes, components, condition.place))
+            self.model.holds.append(FixedNodes(name, nodes, components, condition.source))
 
     def _product(self, element: Element, *tags: str) -> float:
         """The product of these children with their curves; 1 for one that is not there."""
@@ -358,9 +358,11 @@ class _Loads:
             load.only("pressure", "value", "scale", "linear", "symmetric_stiffness", "shell_bottom")
             if (load.child("pressure") is None) == (load.child("value") is None):
                 raise load.refuse("a pressure load needs one <pressure>")
-            pressure = self._product(load, "pressure", "value", "scale")
+            size = self._product(load, "pressure", "value", "scale")
             if is_dead:
-                pressure, traction = None, _dead_pressure(self.model, load, facets, pressure)
+                traction = _dead_pressure(self.model, load, facets, size)
+            else:
+                pressure = size
         elif kind == "traction":
             load.only("scale", "traction", "linear", "shell_bottom")
             if not is_dead:
@@ -374,7 +376,7 @@ class _Loads:
             traction = (x, y, z)
         else:
             raise load.refuse(f"surface load {kind[:40]!r}; known here are pressure and traction")
-        self.model.faces.append(Face(name, facets, load.place, pressure, traction))
+        self.model.faces.append(Face(name, facets, load.source, pressure, traction))
 
     def _body(self, load: Element) -> None:
         """Minus the value is the acceleration; of the whole body alone."""

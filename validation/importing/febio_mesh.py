@@ -41,7 +41,7 @@ class FebioMesh:
     surfaces: dict[str, NDArray[np.int64]]
     blocks: dict[str, int]
     material_of: list[tuple[Element, str, int]]
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def nodes_of(self, element: Element) -> NDArray[np.int64]:
         """The nodes that an element's `node_set` names."""
@@ -77,14 +77,14 @@ def read_mesh_sections(sections: dict[str, list[Element]], version: str) -> Febi
                 raise child.refuse("<Part>: a mesh of instances; write it out as one mesh")
     labels, nodes, node_sets = _nodes([c for part in parts for c in part if c.tag == "Nodes"])
     row_of = {label: row for row, label in enumerate(labels)}
-    corners, middles, blocks, counts, told = [], [], {}, [], []
+    corners, middles, blocks, counts, notes = [], [], {}, [], []
     elements = [c for part in parts for c in part if c.tag == "Elements"]
     for block in elements:
         rows = _rows(block, _CELLS, "elem", row_of)
         name, kind = block.attributes.get("name", f"at line {block.line}"), block.require("type")
         if not kind.startswith("tet"):
             given, rows = len(rows), cut_cells(rows)
-            told.append(
+            notes.append(
                 f"{given} cells of type {kind} ({name}) are cut into {len(rows)} tetrahedra: the "
                 "same body where faces are flat, on another mesh"
             )
@@ -101,7 +101,7 @@ def read_mesh_sections(sections: dict[str, list[Element]], version: str) -> Febi
         {},
         blocks,
         _materials_of(sections, elements, counts, version),
-        told,
+        notes,
     )
     for part in parts:
         for child in part:

@@ -35,7 +35,7 @@ class ImportRefusedError(InputError):
 
 
 @dataclass(frozen=True)
-class Place:
+class Source:
     """A line of a file."""
 
     path: Path
@@ -52,17 +52,17 @@ class Body:
 
     constants: dict[str, Any]
     density: float | None
-    place: Place
+    source: Source
 
 
 @dataclass(frozen=True)
-class Hold:
+class FixedNodes:
     """Nodes that are held: by component (0, 1, 2) the displacement there."""
 
     name: str
     nodes: NDArray[np.int64]
     components: dict[int, float]
-    place: Place
+    source: Source
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Face:
 
     name: str
     facets: NDArray[np.int64]
-    place: Place
+    source: Source
     pressure: float | None = None
     traction: tuple[float, float, float] | None = None
 
@@ -94,7 +94,7 @@ class Model:
         forces: On each node, (num_nodes, 3).
         acceleration: Of gravity, or None.
         body_force: By volume, where the file gives it so.
-        told: What a reader has to know: what was read into something else than it says.
+        notes: What a reader has to know: what was read into something else than it says.
         ignored: What was left out because it changes no mechanics, with its line.
     """
 
@@ -108,12 +108,12 @@ class Model:
     labels: NDArray[np.int64]
     title: str = ""
     strain: Strain = Strain.GREEN
-    holds: list[Hold] = field(default_factory=list)
+    holds: list[FixedNodes] = field(default_factory=list)
     faces: list[Face] = field(default_factory=list)
     forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
     acceleration: tuple[float, float, float] | None = None
     body_force: tuple[float, float, float] | None = None
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     ignored: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -121,7 +121,7 @@ class Model:
             self.forces = np.zeros_like(self.nodes)
 
 
-def finite(text: str, place: Place, what: str) -> float:
+def finite(text: str, source: Source, what: str) -> float:
     """A number, also one written by Fortran (1.5D-3).
 
     Raises:
@@ -132,11 +132,11 @@ def finite(text: str, place: Place, what: str) -> float:
     except ValueError:
         value = float("nan")
     if not np.isfinite(value) or abs(value) > 1e100 or "_" in text:
-        raise place.refuse(f"{what}: {text.strip()[:40]!r} is no number that can be used")
+        raise source.refuse(f"{what}: {text.strip()[:40]!r} is no number that can be used")
     return value
 
 
-def whole(text: str, place: Place, what: str) -> int:
+def whole(text: str, source: Source, what: str) -> int:
     """A whole number.
 
     Raises:
@@ -145,7 +145,7 @@ def whole(text: str, place: Place, what: str) -> int:
     word = text.strip()
     digits = word.removeprefix("+").removeprefix("-")
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 18):
-        raise place.refuse(f"{what}: {word[:40]!r} is no whole number")
+        raise source.refuse(f"{what}: {word[:40]!r} is no whole number")
     return int(word)
 
 
@@ -157,37 +157,20 @@ class UnitSystem(StrEnum):
     MILLIMETRE_MILLINEWTON = "mm-mN-kPa"
     METRE_KILONEWTON = "m-kN-kPa"
 
-
-@dataclass(frozen=True)
-class ModelUnits:
-    """What turns a model's numbers into those of a case."""
-
-    length: str
-    force: str
-    stress: str
-
-    @classmethod
-    def of(cls, system: UnitSystem) -> ModelUnits:
-        """By the system's name."""
-        return cls(*system.value.split("-"))
-
     @property
     def table(self) -> dict[str, str]:
         """The table [units] of a case: lengths, forces and stresses stay as they are."""
-        return {
-            "length": self.length,
-            "force": self.force,
-            "stress": self.stress,
-            "density": "kg/m3",
-        }
+        length, force, stress = self.value.split("-")
+        return {"length": length, "force": force, "stress": stress, "density": "kg/m3"}
 
     def kilograms_per_cubic_metre(self, density: float) -> float:
         """Of a density in force time^2 / length^4; to 15 digits, so that 1e-9 t/mm3 is 1000."""
-        return float(f"{density * FORCE[self.force] / LENGTH[self.length] ** 4:.15g}")
+        table = self.table
+        return float(f"{density * FORCE[table['force']] / LENGTH[table['length']] ** 4:.15g}")
 
     def metres_per_second_squared(self, acceleration: float) -> float:
         """Of an acceleration in length / s2."""
-        return acceleration * LENGTH[self.length]
+        return acceleration * LENGTH[self.table["length"]]
 
 
 # Faces by corners, seen from outside counter-clockwise; FEBio's, Abaqus' and VTK's numbering of

@@ -19,7 +19,7 @@ from palpate.meshes.files import read_mesh
 from palpate.meshes.material_law import Law
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.geometry import inside_folder
-from palpate.validation.importing.model import Body, Hold, ImportRefusedError, Model
+from palpate.validation.importing.model import Body, FixedNodes, ImportRefusedError, Model
 from palpate.validation.importing.xml_tree import Element, read_xml
 
 # Of what a model is made and how it looks and is solved: nothing that an equilibrium depends on.
@@ -107,7 +107,7 @@ def _model(
         points,
         cells,
         np.full((len(cells), 6), -1),
-        [Body(_constants(flex, ignored), mass / volume, flex.place)],
+        [Body(_constants(flex, ignored), mass / volume, flex.source)],
         np.zeros(len(cells), dtype=np.int64),
         np.arange(len(points)),
         acceleration=gravity if any(gravity) else None,
@@ -115,10 +115,10 @@ def _model(
     )
     if is_pinned.any():
         still = dict.fromkeys(range(3), 0.0)
-        model.holds.append(Hold("pinned", np.flatnonzero(is_pinned), still, flex.place))
-    model.told.append("MuJoCo solves motion: the case asks for the state of rest under its loads")
+        model.holds.append(FixedNodes("pinned", np.flatnonzero(is_pinned), still, flex.source))
+    model.notes.append("MuJoCo solves motion: the case asks for the state of rest under its loads")
     if model.acceleration is not None:
-        model.told.append(
+        model.notes.append(
             "a flex spreads its mass evenly over its points, the case by volume over its cells: "
             "the weight is the same in all, not at each point"
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from palpate.meshes.untrusted_text import open_plain
-from palpate.validation.importing.model import ImportRefusedError, Place, finite, whole
+from palpate.validation.importing.model import ImportRefusedError, Source, finite, whole
 
 MOST_BYTES = 128 * 1024**2
 _DEEPEST = 50
@@ -29,9 +29,9 @@ class Element:
         self.parts: list[str] = []
 
     @property
-    def place(self) -> Place:
+    def source(self) -> Source:
         """Where it stands."""
-        return Place(self.path, self.line)
+        return Source(self.path, self.line)
 
     @property
     def text(self) -> str:
@@ -60,17 +60,17 @@ class Element:
 
     def refuse(self, reason: str) -> ImportRefusedError:
         """The error that names its line."""
-        return self.place.refuse(reason)
+        return self.source.refuse(reason)
 
     def numbers(self, text: str | None = None) -> list[float]:
         """Its text, or another, as numbers separated by commas or spaces."""
         words = (self.text if text is None else text).replace(",", " ").split()
-        return [finite(word, self.place, f"<{self.tag}>") for word in words]
+        return [finite(word, self.source, f"<{self.tag}>") for word in words]
 
     def wholes(self, text: str | None = None) -> list[int]:
         """Its text, or another, as whole numbers."""
         words = (self.text if text is None else text).replace(",", " ").split()
-        return [whole(word, self.place, f"<{self.tag}>") for word in words]
+        return [whole(word, self.source, f"<{self.tag}>") for word in words]
 
     def number(self) -> float:
         """Its text as one number."""

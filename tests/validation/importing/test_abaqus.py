@@ -99,7 +99,7 @@ def test_neo_hooke_under_weight_and_a_moved_end(bring: Bring, bars: ModuleType) 
     moved = Support(np.unique(end), end, (True, True, False), (2e-3, 0.0, 0.0))
     problem = native(bars, material, BodyForce((0.0, 0.0, -9810.0)), more=(moved,))
     assert apart(problem, case.problem) < 1e-10
-    assert not imported.told
+    assert not imported.notes
 
 
 def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(
@@ -114,7 +114,7 @@ def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(
     material = Material.mooney_rivlin(c10=15e3, c01=5e3, bulk_modulus=2.0 / 12.5e-6)
     problem = native(bars, material, Traction(bars.pulled(bars.bar()), (2e3, 0.0, -100.0)))
     assert apart(problem, case.problem) < 1e-10
-    assert any("those of a uniform traction on 8 facets" in line for line in imported.told)
+    assert any("those of a uniform traction on 8 facets" in line for line in imported.notes)
     assert any(check.against == "truth" for check in case.checks)
 
 
@@ -129,7 +129,7 @@ def test_forces_on_nodes_that_are_an_affine_traction(bring: Bring, bars: ModuleT
     places = case.problem.mesh.points[np.unique(load.facets)]
     assert np.abs(load.at(places) - ours.at(places)).max() < 1e-9 * 2e3
     assert apart(native(bars, Material(100e3, 0.3), ours), case.problem) < 1e-10
-    assert any("affine" in line for line in imported.told)
+    assert any("affine" in line for line in imported.notes)
 
 
 def test_other_forces_on_nodes_stay_and_leave_no_truth(bring: Bring, bars: ModuleType) -> None:
@@ -142,7 +142,7 @@ def test_other_forces_on_nodes_stay_and_leave_no_truth(bring: Bring, bars: Modul
     forces = np.array([[0.0, 0.0, 2e-2], [0.0, 0.0, 2e-2], [0.0, 0.0, 1e-2]])
     problem = native(bars, Material(100e3, 0.3), PointForce(end, forces))
     assert apart(problem, case.problem) < 1e-10
-    assert any("no truth is possible" in line for line in imported.told)
+    assert any("no truth is possible" in line for line in imported.notes)
     assert all(check.against != "truth" for check in case.checks)
 
 
@@ -181,7 +181,7 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(
     case, imported = bring(text.replace("*BOUNDARY\nHELD, 1, 3", before), ".inp")
     problem = native(bars, Material(100e3, 0.3), Traction(bars.pulled(mesh), (2e3, 0.0, 0.0)))
     assert apart(problem, case.problem) < 1e-10
-    assert any("96 quadratic tetrahedra" in line for line in imported.told)
+    assert any("96 quadratic tetrahedra" in line for line in imported.notes)
     alone = before.replace("*BOUNDARY\n", f"*BOUNDARY\n{cells[0][9] + 1}, 1, 1\n")
     with pytest.raises(ImportRefusedError, match="middle node"):
         bring(text.replace("*BOUNDARY\nHELD, 1, 3", alone), ".inp")

@@ -70,5 +70,5 @@ def test_a_traction_a_weight_and_a_moved_support(
     theirs = solve_static(case.problem, strain=strain).displacement
     # The file has thirteen digits.
     assert np.abs(ours - theirs).max() <= 1e-10 * np.abs(ours).max()
-    assert any("uniform weight" in line for line in imported.told)
-    assert any("uniform traction on" in line for line in imported.told)
+    assert any("uniform weight" in line for line in imported.notes)
+    assert any("uniform traction on" in line for line in imported.notes)

@@ -98,7 +98,7 @@ def test_a_model_of_hexahedra_is_the_same_body(
     problem = case.problem
     assert problem.mesh.num_cells == 6 * len(cells)
     assert problem.mesh.volume == pytest.approx(4e-6, rel=1e-12)
-    assert any("16 cells of type hex8" in line for line in imported.told)
+    assert any("16 cells of type hex8" in line for line in imported.notes)
     # Pulled with 4 kPa along x, E = 100 kPa: 4 % of 40 mm.
     moved = solve_static(problem).displacement[:, 0].max()
     assert moved == pytest.approx(1.6e-3, rel=0.1)
@@ -141,7 +141,7 @@ def test_an_abaqus_model_of_other_cells_is_the_same_body(bring: Bring, kind: str
     )
     case, imported = bring(text, ".inp")
     assert case.problem.mesh.volume == pytest.approx(4e-6, rel=1e-12)
-    assert any(f"{most} cells of type {kind}" in line for line in imported.told)
+    assert any(f"{most} cells of type {kind}" in line for line in imported.notes)
     (load,) = case.problem.loads
     assert isinstance(load, Pressure)
     assert len(load.facets) == 8

@@ -85,7 +85,7 @@ def test_a_neo_hookean_bar_under_pressure_and_weight(
     loads = Pressure(bars.pulled(mesh), -2e3), BodyForce((0.0, 0.0, -1000.0 * 9.81 / 2.0))
     assert case.problem.material == material
     assert apart(native(bars, material, loads), case.problem) < 1e-10
-    assert not imported.told
+    assert not imported.notes
     assert len(imported.ignored) == 1
     assert "<Output>" in imported.ignored[0]
 
@@ -102,7 +102,7 @@ def test_a_moved_end_of_isotropic_elastic(bring: Bring, bars: ModuleType, versio
     moved = Support(np.unique(end), end, (False, False, True), (0.0, 0.0, 3e-3))
     material = Material(100e3, 0.3)
     assert apart(native(bars, material, (), moved), case.problem) < 1e-10
-    assert any("no density" in line for line in imported.told)
+    assert any("no density" in line for line in imported.notes)
 
 
 @pytest.mark.parametrize(
@@ -153,13 +153,13 @@ def test_quadratic_cells_are_read_by_their_corners(bring: Bring, bars: ModuleTyp
     material = Material(100e3, 0.4, 1000.0, Law.NEO_HOOKEAN)
     problem = native(bars, material, (Pressure(bars.pulled(mesh), -2e3),))
     assert apart(problem, case.problem) < 1e-10
-    assert any("96 quadratic tetrahedra" in line for line in imported.told)
-    assert not any("curved" in line for line in imported.told)
+    assert any("96 quadratic tetrahedra" in line for line in imported.notes)
+    assert not any("curved" in line for line in imported.notes)
     points[-1] += 0.5
     text = bars.febio(
         mesh, boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"], points=points, cells=cells
     )
-    assert any("are curved, by up to" in line for line in bring(text, ".feb")[1].told)
+    assert any("are curved, by up to" in line for line in bring(text, ".feb")[1].notes)
 
 
 def test_two_materials_are_a_body_and_an_inclusion(bring: Bring, bars: ModuleType) -> None:

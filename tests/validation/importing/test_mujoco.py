@@ -72,8 +72,8 @@ def test_a_pinned_beam_rests_under_its_weight(bring: Bring) -> None:
     )
     apart = solve_static(ours).displacement - solve_static(found).displacement
     assert np.abs(apart).max() < 1e-10 * np.abs(solve_static(ours).displacement).max()
-    assert any("state of rest" in line for line in imported.told)
-    assert any("spreads its mass evenly" in line for line in imported.told)
+    assert any("state of rest" in line for line in imported.notes)
+    assert any("spreads its mass evenly" in line for line in imported.notes)
 
 
 def test_single_points_and_cells_the_other_way_round(bring: Bring) -> None:
