@@ -50,7 +50,7 @@ _WRAP = "--wrap D (wrap = D) makes a new closed surface within D of it"
 _OTHERS = (
     "--free D (boundary = 'free') may replace facets within D; --mesher gmsh tries another way"
 )
-# What mends each kind of trouble: of a surface as it is given, and after a repair.
+# What repairs each kind of trouble: of a surface as it is given, and after a repair.
 REMEDIES: dict[type[InputError], tuple[str, str]] = {
     OpenSurfaceError: (
         f"{_REPAIR} closes holes, --largest-hole N (largest_hole) says how long ones",
@@ -100,7 +100,7 @@ def load_surface(
     repair: RepairChoices | None = None,
     wrap: float | None = None,
 ) -> LoadedSurface:
-    """Read a surface that bounds a solid, mended first where that is asked for.
+    """Read a surface that bounds a solid, repaired first where that is asked for.
 
     Bodies that face inwards are turned round, and that is said, without being asked: nothing moves.
 

@@ -321,11 +321,8 @@ class Case:
         from palpate.validation.case.meshing import BuiltMesh, build_mesh
 
         units = self.spec.units
-        try:
+        with units.in_own_words():
             built = build_mesh(self.spec, self.folder)
-        except InputError as error:
-            error.args = (units.in_case_units(str(error)),)
-            raise
         return BuiltMesh(built.mesh, units.in_case_units(built.origin))
 
     @cached_property

@@ -18,7 +18,7 @@ from palpate.validation.case.body_schema import (
     Vector,
 )
 
-# States kept of a motion; each is as large as the answer of a static case.
+# States stored of a motion; each is as large as the result of a static case.
 MOST_OUTPUTS = 100_000
 
 
@@ -34,7 +34,7 @@ class TimeSpec(Table):
     stiffness_damping: NotNegative = 0.0
     """beta of a viscous stress beta C : dE/dt, C at rest [s]; D = beta K for small strains."""
     num_outputs: Annotated[Count, Field(ge=1, le=MOST_OUTPUTS)] = 50
-    """States kept after the first, evenly spaced."""
+    """States stored after the first, evenly spaced."""
 
 
 class StartSpec(Table):
@@ -170,34 +170,25 @@ class TurnSpec(Table):
 
 
 class SupportSpec(OverTime):
-    """What is held: by component, turned, or along a normal alone."""
+    """What is fixed or moved: by component, turned, or along a normal alone."""
 
     region: RegionSpec
-    """What is held."""
+    """What is fixed."""
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-    """Which components are held."""
+    """Which components are fixed."""
     sliding: Flag = False
-    """Held along the normal of its face only, which has to be flat: a symmetry plane."""
+    """Fixed along the normal of its face only, which has to be flat: a symmetry plane."""
     normal: Vector | None = None
-    """Or held along this direction only, of any length; free to slide across it."""
+    """Or fixed along this direction only, of any length; free to slide across it."""
     displacement: Vector = (0.0, 0.0, 0.0)
-    """Where the held part is moved to [units.length]; of what slides, its part along the normal."""
+    """Where that part is moved to [units.length]; of what slides, its part along the normal."""
     rotation: TurnSpec | None = None
-    """Turns the held part besides; all components are held then."""
+    """Turns that part besides; all components are fixed then."""
 
     @model_validator(mode="after")
     def _holds_in_one_way(self) -> SupportSpec:
-        given = self.model_fields_set
-        ways = [
-            name
-            for name, is_there in (
-                ("components", "components" in given),
-                ("sliding", self.sliding),
-                ("normal", self.normal is not None),
-                ("rotation", self.rotation is not None),
-            )
-            if is_there
-        ]
+        ways = ["components"] if "components" in self.model_fields_set else []
+        ways += [name for name in ("sliding", "normal", "rotation") if getattr(self, name)]
         if len(ways) > 1:
             raise ValueError(f"{' and '.join(ways)} do not go together; choose one")
         if self.normal is not None and not any(self.normal):
@@ -216,6 +207,9 @@ class ForceSpec(OverTime):
     """What is pushed."""
     force: Vector
     """In all [units.force]."""
+
+
+_OF_LIQUIDS = ("density", "free_surface", "gravity")
 
 
 class TractionAt(Table):
@@ -253,9 +247,7 @@ class TractionSpec(OverTime):
 
     @model_validator(mode="after")
     def _says_it_once(self) -> TractionSpec:
-        liquid = {
-            key for key in ("density", "gravity", "free_surface") if getattr(self, key) is not None
-        }
+        liquid = [key for key in _OF_LIQUIDS if getattr(self, key) is not None]
         if self.profile is Profile.HYDROSTATIC:
             others = {"traction", "values", "start", "end"} & self.model_fields_set
             if others or len(liquid) < 3:
@@ -267,8 +259,7 @@ class TractionSpec(OverTime):
                 raise ValueError("gravity = [0, 0, 0] presses nothing; give a direction")
             return self
         if liquid:
-            named = ", ".join(sorted(liquid))
-            raise ValueError(f'{named} goes with profile = "hydrostatic"')
+            raise ValueError(f'{", ".join(liquid)} goes with profile = "hydrostatic"')
         if (self.traction is None) != bool(self.values):
             raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 places")
         given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}

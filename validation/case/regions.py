@@ -138,7 +138,7 @@ def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float
     Two sides of a slab have the same, so that sliding along both is plane strain.
 
     Raises:
-        InputError: They are not flat; the message tells by what angle.
+        InputError: They are not flat; the message says by what angle.
     """
     vectors = area_vectors(mesh.points, facets)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -169,7 +169,7 @@ def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
         what: "check 1": for messages.
 
     Raises:
-        InputError: None lies there; the message tells the nearest.
+        InputError: None lies there; the message names the nearest.
     """
     wanted = np.array(units.place(place))
     apart = np.linalg.norm(mesh.points - wanted, axis=1)

@@ -92,7 +92,7 @@ class CheckSpec(Table):
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     """The reference on the same mesh, the truth with its error bar, or the candidate alone."""
     strain: Strain | None = None
-    """Which answer is judged; the case's strain where nothing is said."""
+    """Which result is judged; the case's strain where nothing is said."""
     limit: Number
     """What the error may be at most, from what the user needs; mostly [-]."""
     reason: str = Field(min_length=1)
@@ -190,7 +190,7 @@ class CheckSpec(Table):
 
     @property
     def is_of_truth_alone(self) -> bool:
-        """Whether the truth itself, not the candidate, is held against a published number."""
+        """Whether the truth itself, not the candidate, is compared with a published number."""
         return self.against == "truth" and self.about.is_published
 
 
@@ -208,7 +208,7 @@ class TruthSpec(Table):
     memory: Annotated[Number, Field(gt=0.0)] = 8.0
     """Nor one that would need more than this [GB]."""
     surface: str | None = None
-    """A finer surface of the body beside this file: what it changes is told beside the bars."""
+    """A finer surface of the body beside this file: what it changes is reported with the bars."""
     geometry_distance: Positive | None = None
     """Or how far the true surface may be from the mesh's [units.length]."""
 
@@ -219,7 +219,7 @@ class EvidenceSpec(Table):
     question: str = ""
     """What the simulation shall answer."""
     context_of_use: str = ""
-    """Where the answer is used, and beside what other evidence."""
+    """Where the result is used, and beside what other evidence."""
     quantities_of_interest: str = ""
     """What is read from it."""
     applicability: str = ""
@@ -254,7 +254,7 @@ class CaseSpec(Table):
     material: MaterialSpec
     """Of the body."""
     support: tuple[SupportSpec, ...] = ()
-    """What is held; the body may not float."""
+    """What is fixed; the body may not float."""
     load: tuple[LoadSpec, ...] = ()
     """What pushes."""
     spring: tuple[SpringSpec, ...] = ()
@@ -266,7 +266,7 @@ class CaseSpec(Table):
     time: TimeSpec | None = None
     """Makes the case a motion, from rest or with an initial_velocity; statics without."""
     initial_velocity: StartSpec | None = None
-    """Of a motion; what is held starts as its support does. Free bodies need no support."""
+    """Of a motion; what is fixed starts as its support does. Free bodies need no support."""
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
     truth: TruthSpec = TruthSpec()
@@ -274,7 +274,7 @@ class CaseSpec(Table):
     evidence: EvidenceSpec = EvidenceSpec()
     """What a credibility file asks that only its author can say."""
     published: PlainData = Field(default_factory=dict)
-    """Numbers of a paper, told in the report; any keys."""
+    """Numbers of a paper, shown in the report; any keys."""
 
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:

@@ -48,7 +48,7 @@ def choices_of(field: FieldInfo) -> list[Any]:
 def editor_schema() -> dict[str, Any]:
     """The schema as draft 7, which editors know; what stands in no TOML file is left out.
 
-    What several keys must be together (one of shape, surface and mesh, say) is told by
+    What several keys must be together (one of shape, surface and mesh, say) is checked by
     `palpate check` only.
     """
     schema = _plain(CaseSpec.model_json_schema())
@@ -60,7 +60,7 @@ def editor_schema() -> dict[str, Any]:
         "$schema": "http://json-schema.org/draft-07/schema#",
         **schema,
         "title": "A case of palpate",
-        "description": "A body that is held and pushed, and what of the answer is checked.",
+        "description": "A body with supports and loads, and what of the result is checked.",
     }
 
 
@@ -70,16 +70,16 @@ def _plain(part: Any) -> Any:
         return [_plain(item) for item in part]
     if not isinstance(part, dict):
         return part
-    kept = {key: _plain(value) for key, value in part.items() if not _is_left_out(key, value)}
-    if "prefixItems" in kept:
-        kept["items"] = kept.pop("prefixItems")
-    choices = [choice for choice in kept.get("anyOf", []) if choice != {"type": "null"}]
+    found = {key: _plain(value) for key, value in part.items() if not _is_left_out(key, value)}
+    if "prefixItems" in found:
+        found["items"] = found.pop("prefixItems")
+    choices = [choice for choice in found.get("anyOf", []) if choice != {"type": "null"}]
     if len(choices) == 1:
-        del kept["anyOf"]
-        kept = {**choices[0], **kept}
+        del found["anyOf"]
+        found = {**choices[0], **found}
     elif choices:
-        kept["anyOf"] = choices
-    return kept
+        found["anyOf"] = choices
+    return found
 
 
 def _is_left_out(key: str, value: Any) -> bool:

@@ -63,7 +63,7 @@ class Units(BaseModel):
 
     @contextmanager
     def in_own_words(self) -> Iterator[None]:
-        """What is refused within is told with lengths in the case's unit."""
+        """Errors raised within name lengths in the case's unit."""
         try:
             yield
         except InputError as error:

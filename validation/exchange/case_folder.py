@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.atomic_write import atomic_path, write_text_atomically
-from palpate.meshes.boundary_conditions import Load, Pressure
+from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.material_law import Law
@@ -50,7 +50,7 @@ def describe_conventions(strain: Strain, law: Law = Law.SAINT_VENANT_KIRCHHOFF) 
     """What all cases with a strain measure and law have in common: keys of case.json and texts.
 
     Law, arrays (of each its files, shape, unit and meaning), the equations by topic, all the
-    document's keys, and what to answer.
+    document's keys, and what to send back.
     """
     texts = _texts()
     own = texts[strain]
@@ -74,11 +74,12 @@ def describe_conventions(strain: Strain, law: Law = Law.SAINT_VENANT_KIRCHHOFF) 
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")
 _BY_POINT = ("fixed", "prescribed_displacement", "external_force", "lumped_mass")
+_OF_SUPPORTS = ("components", "displacement", "amplitude", "rotation", "normal")
 _BY_CELL = ("youngs_modulus", "poissons_ratio", "density", "c01")
 
 
 def case_key(problem: Problem, strain: Strain) -> str:
-    """SHA-256 over everything the answer depends on."""
+    """SHA-256 over everything the result depends on."""
     return array_hash(f"palpate exchange {SCHEMA} {strain}", problem_arrays(problem))
 
 
@@ -148,25 +149,18 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
         "num_points": problem.mesh.num_points,
         "num_cells": problem.mesh.num_cells,
         "time": time,
-        "loads": [_describe_load(load) for load in problem.loads],
+        "loads": [
+            {"kind": type(load).__name__, "amplitude": _plain(load.amplitude)}
+            for load in problem.loads
+        ],
         "supports": [
-            {
-                "components": list(support.components),
-                "displacement": list(support.displacement),
-                "amplitude": _plain(support.amplitude),
-                "rotation": _plain(support.rotation),
-                "normal": _plain(support.normal),
-            }
+            {key: _plain(getattr(support, key)) for key in _OF_SUPPORTS}
             for support in problem.supports
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
         "springs": [_plain(spring) for spring in problem.springs],
         **describe_conventions(strain, problem.material.law),
     }
-
-
-def _describe_load(load: Load) -> dict[str, Any]:
-    return {"kind": type(load).__name__, "amplitude": _plain(load.amplitude)}
 
 
 def _describe_tool(tool: RigidTool) -> dict[str, Any]:
@@ -189,16 +183,13 @@ def _plain(item: Any) -> Any:
 
 
 def _follower_pressures(problem: Problem) -> dict[str, NDArray[Any]]:
-    facets, sizes, numbers = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0)], [np.zeros(0)]
-    for number, load in enumerate(problem.loads):
-        if isinstance(load, Pressure):
-            facets.append(load.facets)
-            sizes.append(np.full(len(load.facets), load.pressure))
-            numbers.append(np.full(len(load.facets), number))
+    loads = [(k, load) for k, load in enumerate(problem.loads) if isinstance(load, Pressure)]
+    counts = [len(load.facets) for _, load in loads]
+    facets = [load.facets for _, load in loads]
     return {
-        "pressure_facets": np.vstack(facets),
-        "pressure": np.concatenate(sizes),
-        "pressure_load": np.concatenate(numbers).astype(np.int32),
+        "pressure_facets": np.vstack([np.zeros((0, 3), dtype=np.int32), *facets]),
+        "pressure": np.repeat([float(load.pressure) for _, load in loads], counts),
+        "pressure_load": np.repeat(np.array([k for k, _ in loads], dtype=np.int32), counts),
     }
 
 

@@ -170,10 +170,10 @@ def pushes_of_supports(problem: Problem, forces: Points) -> Points:
     slanted = np.zeros(problem.mesh.num_points, dtype=bool)
     if slopes is not None:
         slanted[slopes.points] = True
-        for point, held in _holders(problem).items():
-            directions = np.array([direction for _, direction in held])
+        for point, fixed_by in _holders(problem).items():
+            directions = np.array([direction for _, direction in fixed_by])
             sizes = np.linalg.pinv(directions.T, rcond=_ONE_PLANE) @ forces[point]
-            for (number, direction), size in zip(held, sizes, strict=True):
+            for (number, direction), size in zip(fixed_by, sizes, strict=True):
                 totals[number] += size * direction
     fixed = fixed_components(problem)[0]
     for number, support in enumerate(problem.supports):
@@ -206,11 +206,11 @@ def _all_slopes(problem: Problem, time: float | None) -> SlidingPoints | None:
     points = np.array(sorted(holders), dtype=np.int32)
     projectors, places, ranks = [], [], []
     for point in points.tolist():
-        held = holders[point]
-        directions = np.array([direction for _, direction in held])
+        fixed_by = holders[point]
+        directions = np.array([direction for _, direction in fixed_by])
         asked = [
             direction @ moved_by(problem.supports[k], problem.mesh.points[[point]], time)[0]
-            for k, direction in held
+            for k, direction in fixed_by
         ]
         back = np.linalg.pinv(directions, rcond=_ONE_PLANE)
         projectors.append(back @ directions)
@@ -282,8 +282,8 @@ def _add_varying(force: Points, points: Points, areas: Points, load: Traction) -
     corners = points[load.facets]
     for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
         found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", place, corners))
-        for corner, share in enumerate(place):
-            np.add.at(force, load.facets[:, corner], share * found)
+        for corner, weight_there in enumerate(place):
+            np.add.at(force, load.facets[:, corner], weight_there * found)
 
 
 def touchable_points(problem: Problem) -> NDArray[np.bool_]:

@@ -260,11 +260,11 @@ def _first_at_position(points: Points, tolerance: float) -> Rows:
 
     # Ever so many at one position are one before the tree sees them.
     steps = np.floor((points - points.min(axis=0)) / (0.25 * tolerance))
-    _, kept, group = np.unique(steps, axis=0, return_index=True, return_inverse=True)
-    one, other = cKDTree(points[kept]).query_pairs(tolerance, p=np.inf, output_type="ndarray").T
-    lowest = kept.astype(np.int64)
-    np.minimum.at(lowest, one, kept[other])
-    np.minimum.at(lowest, other, kept[one])
+    _, alone, group = np.unique(steps, axis=0, return_index=True, return_inverse=True)
+    one, other = cKDTree(points[alone]).query_pairs(tolerance, p=np.inf, output_type="ndarray").T
+    lowest = alone.astype(np.int64)
+    np.minimum.at(lowest, one, alone[other])
+    np.minimum.at(lowest, other, alone[one])
     first: Rows = lowest[group.ravel()]
     return first[first]
 

@@ -78,8 +78,8 @@ def locate(points: Points, cells: Indices | Rows, places: Points) -> Location:
         depth = tried_weights.min(axis=1)
         order = np.lexsort([tried, -depth, who])
         order = order[depth[order] >= _INSIDE]
-        held, first = np.unique(who[order], return_index=True)
-        found[held], weights[held] = tried[order[first]], tried_weights[order[first]]
+        rows, first = np.unique(who[order], return_index=True)
+        found[rows], weights[rows] = tried[order[first]], tried_weights[order[first]]
     distances = np.zeros(len(places))
     outside = np.flatnonzero(found < 0)
     if outside.size:

@@ -308,13 +308,17 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     said = f"{path}: displacement [m] of {problem.mesh.num_points} points, {state.strain} strain"
     motion = state.trajectory
     if path.suffix.lower() != ".npz":
-        stresses = _stresses(state)
-        write_mesh(
-            path,
-            problem.mesh,
-            point_data={"displacement": state.displacement},
-            cell_data=stresses,
-        )
+        stresses: dict[str, NDArray[Any]] = {}
+        if state.stresses is not None:
+            stresses = {
+                "second_piola_kirchhoff_stress": state.stresses.second_piola_kirchhoff.reshape(
+                    -1, 9
+                ),
+                "cauchy_stress": state.stresses.cauchy.reshape(-1, 9),
+                "von_mises_stress": state.stresses.von_mises,
+            }
+        displacement = {"displacement": state.displacement}
+        write_mesh(path, problem.mesh, point_data=displacement, cell_data=stresses)
         if stresses:
             said += f", stresses [Pa] of {problem.mesh.num_cells} cells"
         if motion is None:
@@ -323,8 +327,9 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     about: dict[str, Any] = {
         "tool": f"palpate, {state.simulator}",
         "element": state.element.value,
-        **_forces(state),
     }
+    if state.tool_forces is not None:
+        about["tool_forces"] = state.tool_forces.tolist()
     arrays: dict[str, Any] = {"displacement": state.displacement}
     if motion is not None:
         arrays = {"displacement": motion.displacements, "times": motion.times}
@@ -334,17 +339,3 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return said
-
-
-def _stresses(state: State) -> dict[str, NDArray[Any]]:
-    if state.stresses is None:
-        return {}
-    return {
-        "second_piola_kirchhoff_stress": state.stresses.second_piola_kirchhoff.reshape(-1, 9),
-        "cauchy_stress": state.stresses.cauchy.reshape(-1, 9),
-        "von_mises_stress": state.stresses.von_mises,
-    }
-
-
-def _forces(state: State) -> dict[str, Any]:
-    return {} if state.tool_forces is None else {"tool_forces": state.tool_forces.tolist()}

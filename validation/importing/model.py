@@ -57,7 +57,7 @@ class Body:
 
 @dataclass(frozen=True)
 class FixedNodes:
-    """Nodes that are held: by component (0, 1, 2) the displacement there."""
+    """Nodes that are fixed or moved: by component (0, 1, 2) the displacement there."""
 
     name: str
     nodes: NDArray[np.int64]
