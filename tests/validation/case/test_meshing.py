@@ -1,0 +1,325 @@
+"""Bodies of cases: shapes, files, inclusions, and what is wrong with a surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.meshes.errors import FinError, InputError, OpenSurfaceError
+from palpate.meshes.files import in_file_unit, read_mesh, write_mesh, write_surface
+from palpate.meshes.problem import Strain
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.case import load_case
+from palpate.validation.case.geometry import REMEDIES
+from palpate.validation.cli import app
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.states import Verdict
+
+Write = Callable[..., Path]
+
+
+def test_paths_may_not_leave_the_folder(write_case: Write, tmp_path: Path) -> None:
+    outside = tmp_path.parent / f"{tmp_path.name}-outside.stl"
+    write_surface(outside, shape_sphere(1.0, edge_length=0.5))
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    for name in (f"../{outside.name}", str(outside)):
+        with pytest.raises(InputError, match="outside the case's folder"):
+            load_case(write_case((shape, f'surface = "{name}"'))).problem  # noqa: B018
+    (tmp_path / "link.stl").symlink_to(outside)
+    with pytest.raises(InputError, match="outside the case's folder"):
+        load_case(write_case((shape, 'surface = "link.stl"'))).problem  # noqa: B018
+
+
+def test_bad_geometry_files_are_refused(write_case: Write, tmp_path: Path) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    write_surface(tmp_path / "open.off", TriSurface(sphere.points, sphere.facets[1:]))
+    with pytest.raises(InputError, match=r"open\.off.*open"):
+        load_case(write_case((shape, 'surface = "open.off"'))).problem  # noqa: B018
+    write_surface(tmp_path / "nan.off", sphere)
+    text = (tmp_path / "nan.off").read_text().splitlines()
+    text[5] = "nan 0 0"
+    (tmp_path / "nan.off").write_text("\n".join(text))
+    with pytest.raises(InputError, match=r"nan\.off"):
+        load_case(write_case((shape, 'surface = "nan.off"'))).problem  # noqa: B018
+    with pytest.raises(InputError, match="no such file"):
+        load_case(write_case((shape, 'surface = "none.off"'))).problem  # noqa: B018
+
+
+def test_a_surface_of_ones_own_is_meshed_and_the_mesher_named(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    moved = sphere.points + np.array([1.0, 0.5, 0.5])
+    moved = sphere.points + np.array([1.0, 0.5, 0.5])
+    write_surface(tmp_path / "mine.stl", TriSurface(moved, sphere.facets))
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    case = load_case(
+        write_case((shape, 'surface = "mine.stl"'), ("0.001", "0.5"), ("1.999", "1.5"))
+    )
+    assert "fastsim" in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-6)
+
+
+def test_a_surface_with_a_hole_is_mended_on_request_and_the_origin_says_so(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    torn = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[1:])
+    write_surface(tmp_path / "torn.off", torn)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    surface = 'surface = "torn.off"\nrepair = true'
+    case = load_case(write_case((shape, surface), ("0.001", "0.5"), ("1.999", "1.5")))
+    assert "1 hole(s) closed by 1 facet(s)" in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
+    small = surface + "\nlargest_hole = 2"
+    with pytest.raises(InputError, match="allow holes of 3 edges"):
+        load_case(write_case((shape, small), ("0.001", "0.5"), ("1.999", "1.5"))).mesh  # noqa: B018
+    alone = 'surface = "torn.off"\nlargest_hole = 20'
+    with pytest.raises(InputError, match="takes no largest_hole"):
+        load_case(write_case((shape, alone)))
+    wrap = 'surface = "torn.off"\nwrap = 0.3'
+    case = load_case(write_case((shape, wrap), ("0.001", "0.5"), ("1.999", "1.5")))
+    assert "wrapped by" in case.mesh.origin
+    with pytest.raises(InputError, match="takes no repair"):
+        load_case(write_case((shape, wrap + "\nrepair = true")))
+    with pytest.raises(InputError, match="takes no repair"):
+        load_case(write_case((shape, shape + "\nrepair = true")))
+
+
+def test_a_surface_that_faces_inwards_is_turned_and_the_origin_says_so(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    given = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[:, ::-1])
+    write_surface(tmp_path / "turned.off", given)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    places = ("0.001", "0.5"), ("1.999", "1.5")
+    case = load_case(write_case((shape, 'surface = "turned.off"'), *places))
+    said = f"{len(given.facets)} facet(s) of bodies that faced inwards turned round"
+    assert said in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
+    too_fine = 'surface = "turned.off"\nwrap = 1e-9'
+    with pytest.raises(InputError, match=r"turned\.off: .* would do"):
+        load_case(write_case((shape, too_fine), *places)).mesh  # noqa: B018
+
+
+def test_a_graded_mesh_says_so(write_case: Write) -> None:
+    coarse = load_case(write_case())
+    grade = "[[mesh.grade]]\n{}\nsmallest = 0.1\n[material]"
+    path = write_case(("[material]", grade.format("point = [2.0, 1.0, 1.0]")))
+    fine = load_case(path)
+    assert fine.problem.mesh.num_cells > 2 * coarse.problem.mesh.num_cells
+    assert "graded to" in fine.mesh.origin
+    assert fine.problem.mesh.volume == pytest.approx(coarse.problem.mesh.volume, rel=1e-12)
+    for bad in ("", "point = [0.0, 0.0, 0.0]\nboundary = true"):
+        with pytest.raises(InputError, match="exactly one of point"):
+            load_case(write_case(("[material]", grade.format(bad))))
+
+
+def test_a_mesh_file_in_millimetres(write_case: Write, tmp_path: Path) -> None:
+    source = load_case(write_case()).problem.mesh
+    write_mesh(tmp_path / "block.vtu", source)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    path = write_case(
+        (shape, 'mesh = "block.vtu"'), ("[geometry]", '[units]\nlength="mm"\n[geometry]')
+    )
+    mesh = load_case(path).problem.mesh
+    assert math.isclose(mesh.volume, 2e-9, rel_tol=1e-12)
+    assert np.array_equal(mesh.cells, source.cells)
+
+
+TUMOUR = shape_sphere(0.3, edge_length=0.3)
+PLACED = TriSurface(TUMOUR.points + np.array([0.9, 0.5, 0.5]), TUMOUR.facets)
+INCLUSION = """[[inclusion]]
+surface = "tumour.off"
+material = { youngs_modulus = 5000.0, poissons_ratio = 0.4 }
+
+[[support]]"""
+
+
+def case_with_tumour(write_case: Write, folder: Path, *changes: tuple[str, str]) -> Path:
+    write_surface(folder / "tumour.off", PLACED)
+    return write_case(("[[support]]", INCLUSION), *changes)
+
+
+def test_the_cells_within_the_surface_have_its_material(write_case: Write, tmp_path: Path) -> None:
+    case = load_case(case_with_tumour(write_case, tmp_path))
+    mesh = case.problem.mesh
+    (inclusion,) = case.problem.inclusions
+    assert inclusion.material.youngs_modulus == 5000.0
+    volume = mesh.cell_volumes[inclusion.cells].sum()
+    assert volume == pytest.approx(PLACED.volume, rel=1e-12)
+    assert mesh.volume == pytest.approx(2.0, rel=1e-12)
+    assert tmp_path / "tumour.off" in case.files
+    assert "of inclusion 1" in case.mesh.origin
+
+
+def test_what_does_not_go_with_it_is_refused(write_case: Write, tmp_path: Path) -> None:
+    def refused(*changes: tuple[str, str]) -> str:
+        with pytest.raises(InputError) as caught:
+            load_case(case_with_tumour(write_case, tmp_path, *changes)).problem  # noqa: B018
+        return str(caught.value)
+
+    both = 'surface = "tumour.off"\nregion = { group = "x" }'
+    assert "either a region or a surface" in refused(('surface = "tumour.off"', both))
+    assert "do not go with them" in refused(("[material]", '[mesh]\nmesher = "gmsh"\n[material]'))
+    assert "no such file" in refused(('"tumour.off"', '"none.off"'))
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    small = shape.replace("[2.0, 1.0, 1.0]", "[2.0, 1.0, 0.5]")
+    said = refused((shape, small))
+    assert "body and tumour.off cut each other" in said
+    assert "of body and facet " in said
+    millimetres = ("[geometry]", '[units]\nlength = "mm"\n[geometry]')
+    assert ") mm" in refused((shape, small), millimetres)
+
+
+@pytest.mark.dolfinx
+def test_both_solvers_agree_on_two_materials(write_case: Write, tmp_path: Path) -> None:
+    case = load_case(case_with_tumour(write_case, tmp_path))
+    result = judge_case(case, live=True)
+    same = [c for c in result.checks if c.metric == "displacement_l2"]
+    assert same
+    assert {c.verdict for c in same} == {Verdict.PASSED}
+    assert {c.strain for c in same} <= set(Strain)
+
+
+def test_the_command_makes_groups_in_the_files_own_numbers(tmp_path: Path) -> None:
+    body = shape_box((2.0, 1.0, 1.0), edge_length=0.5)
+    organ = TriSurface(37.1 * body.points, body.facets)
+    tumour = TriSurface(37.1 * PLACED.points, PLACED.facets)
+    for name, surface in (("organ", organ), ("tumour", tumour)):
+        write_surface(tmp_path / f"{name}.off", surface)
+    words = ["mesh", str(tmp_path / "organ.off"), "-o", str(tmp_path / "out.vtu")]
+    within = f"tumour={tmp_path / 'tumour.off'}"
+    done = CliRunner().invoke(app, [*words, "--inclusion", within])
+    assert done.exit_code == 0, done.output
+    mesh = read_mesh(tmp_path / "out.vtu")
+    assert set(mesh.cell_groups) == {"body", "tumour"}
+    found = mesh.cell_volumes[mesh.cell_groups["tumour"]].sum()
+    assert found == pytest.approx(tumour.volume, rel=1e-12)
+    there = {p.tobytes() for p in mesh.points + 0.0}
+    assert {p.tobytes() for p in np.vstack([organ.points, tumour.points]) + 0.0} <= there
+    for wrong, why in (("tumour", "NAME=FILE"), (f"body={within}", "is taken")):
+        bad = CliRunner().invoke(app, [*words, "--inclusion", wrong])
+        assert why in f"{bad.output}{bad.exception}"
+
+
+BALL = shape_sphere(20.0, edge_length=6.0)  # in millimetres
+RUN = CliRunner()
+
+
+def refused(path: Path, *options: str) -> str:
+    done = RUN.invoke(app, ["mesh", str(path), "-o", str(path.with_suffix(".vtu")), *options])
+    assert done.exit_code != 0
+    return str(done.exception) if isinstance(done.exception, InputError) else done.output
+
+
+def with_fin(body: TriSurface, row: int, count: int) -> TriSurface:
+    a, b, _ = body.facets[row]
+    tip = 1.3 * body.points[a] + 0.1 * body.points[b]
+    points = np.vstack([body.points, tip, 1.4 * body.points[b]])[: len(body.points) + count]
+    n = len(body.points)
+    return TriSurface(points, np.vstack([body.facets, [[a, b, n], [b, n, n + 1]][:count]]))
+
+
+@pytest.mark.parametrize(("suffix", "start"), [(".off", 0), (".obj", 1)])
+def test_a_fin_is_no_hole_and_is_named_by_number_and_place(
+    tmp_path: Path, suffix: str, start: int
+) -> None:
+    path = tmp_path / f"organ{suffix}"
+    given = with_fin(BALL, 3, 1)
+    write_surface(path, given)
+    said = refused(path)
+    x, y, z = given.points[given.facets[-1]].mean(axis=0)
+    assert said == (
+        f"organ{suffix}: 1 fin(s) of 1 facet(s) stand on the surface and end free, facet "
+        f"{BALL.num_facets + start} at ({x:.6g}, {y:.6g}, {z:.6g}) mm (the file's first is "
+        f"{start}); --repair (repair = true in a case) cuts fins off"
+    )
+    mended = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"])
+    assert mended.exit_code == 0
+    assert f"volume {BALL.volume:.6g} mm3" in mended.output
+
+
+def test_holes_are_counted_by_loops_and_not_of_fins() -> None:
+    # One facet, all facets around a point, and two facets that touch at a point only.
+    corners = BALL.facets[0]
+    around = np.flatnonzero((BALL.facets == BALL.facets[-1][0]).any(axis=1))
+    across = [
+        f for f in range(1, BALL.num_facets)
+        if len(np.intersect1d(BALL.facets[f], corners)) == 1
+    ]  # fmt: skip
+    for gone, count in (([0], 1), ([0, *around], 2), ([0, across[0]], 2)):
+        torn = TriSurface(BALL.points, np.delete(BALL.facets, gone, axis=0))
+        with pytest.raises(OpenSurfaceError) as caught:
+            require_closed(torn)
+        assert caught.value.num_holes == count
+    both = with_fin(TriSurface(BALL.points, BALL.facets[1:]), 9, 2)
+    with pytest.raises(OpenSurfaceError) as caught:
+        require_closed(both)
+    assert (caught.value.num_holes, len(caught.value.edges)) == (1, 3)
+    with pytest.raises(FinError) as fin:
+        require_closed(with_fin(BALL, 9, 2))
+    assert (fin.value.num_fins, len(fin.value.facets)) == (1, 2)
+
+
+def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_not(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "organ.off"
+    both = TriSurface(
+        np.vstack([BALL.points, BALL.points + np.array([39.0, 0.0, 0.0])]),
+        np.vstack([BALL.facets, BALL.facets + len(BALL.points)]),
+    )
+    write_surface(path, both)
+    said = refused(path)
+    assert said.startswith("organ.off: the surface intersects itself: ")
+    assert "--repair (repair = true in a case) mends what cuts itself" in said
+    assert ") mm" in said
+    assert "facet " in said
+    said = refused(path, "--repair", "--repair-distance", "0.001")
+    assert "could not be mended within 0.001 mm" in said
+    assert "--repair-distance D" in said
+    assert "--wrap D" in said
+    assert " m," not in said
+    assert " m;" not in said
+
+
+def test_every_kind_has_a_remedy_that_names_an_option() -> None:
+    for before, after in REMEDIES.values():
+        assert "--" in after
+        assert "--" in before or not before
+
+
+@pytest.mark.parametrize("unit", ["mm", "cm", "m"])
+def test_the_boundary_is_the_files_bit_for_bit(tmp_path: Path, unit: str) -> None:
+    path, out = tmp_path / "organ.off", tmp_path / "organ.vtu"
+    body = shape_box((1.0, 1.1, 0.7), edge_length=0.3)
+    given = TriSurface(body.points * 37.123 + np.array([0.1, 0.7, -0.3]), body.facets)
+    write_surface(path, given)
+    assert RUN.invoke(app, ["mesh", str(path), "-o", str(out), "--unit", unit]).exit_code == 0
+    mesh = read_mesh(out)
+    found = mesh.points[mesh.boundary_facets]
+    here = {np.sort(f.view("V24").ravel()).tobytes() for f in np.ascontiguousarray(found)}
+    there = {
+        np.sort(f.view("V24").ravel()).tobytes()
+        for f in np.ascontiguousarray(given.points[given.facets])
+    }
+    assert here == there
+
+
+def test_points_that_the_file_does_not_have_are_scaled() -> None:
+    given = np.array([[0.1, 0.7, 3.3], [1.0, 2.0, 3.0]])
+    points = np.vstack([given[1:] * 1e-3, [[4e-3, 5e-3, 6e-3]]])
+    own = in_file_unit(points, given, 1e-3)
+    assert np.array_equal(own[0], given[1])
+    assert own[1] == pytest.approx([4.0, 5.0, 6.0], rel=1e-15)
+    assert np.array_equal(in_file_unit(points, None, 1e-3), points / 1e-3)
