@@ -209,8 +209,9 @@ class _Tables:
                 )
         if loose:
             self.model.notes.append(f"{hold.name}: {loose} held node(s) of no element are left out")
-        points = np.unique(self.point_of[hold.nodes]).astype(np.int32)
-        return points[points >= 0]
+        points: Indices = np.unique(self.point_of[hold.nodes]).astype(np.int32)
+        chosen: Indices = points[points >= 0]
+        return chosen
 
     def add_face_load(self, face: Face) -> None:
         """A pressure or a traction.
