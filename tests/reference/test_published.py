@@ -242,7 +242,7 @@ def largest_difference(problem, strain, adapter, monkeypatch):
     code = importlib.import_module(adapter).Static(job_of(problem, strain))
     code.advance(1)
     ours = solve_static(problem, strain=strain, relative_tolerance=1e-12).displacement
-    theirs = code.answer["displacement"]
+    theirs = code.result["displacement"]
     assert theirs.shape == ours.shape
     scale = np.abs(ours).max()
     # Large: linear strain would be told apart at once.
