@@ -1,4 +1,4 @@
-"""Diagnosis: what would explain a wrong answer, tried one by one, and how well each fits."""
+"""Diagnosis: what would explain a wrong result, tried one by one, and how well each fits."""
 
 from palpate.validation.diagnosis.diagnose import diagnose
 from palpate.validation.diagnosis.explanation import Cause, Diagnosis, Explanation

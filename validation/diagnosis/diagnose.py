@@ -1,8 +1,8 @@
-"""Try every explanation of a wrong answer and keep those that fit.
+"""Try every explanation of a wrong result and keep those that fit.
 
-1. Slips of the answer itself, held against the reference on the same mesh.
-2. Slips of the problem, by the judge's own equations with that slip in them, at the candidate's
-   answer: no reference is needed for these.
+1. Mistakes of the result itself, compared with the reference on the same mesh.
+2. Mistakes of the problem, by the judge's own equations with that mistake in them, at the
+   candidate's result: no reference is needed for these.
 3. Families that take in simpler ones, only where none of those fits.
 """
 
@@ -54,8 +54,8 @@ from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN
 from palpate.validation.states import CandidateFailedError, State
 
-_OWN_MESH = "The answer is on a mesh of its own: only units were tried"
-# Slips of units in an answer on a mesh of its own: what that mesh may be off at most.
+_OWN_MESH = "The result is on a mesh of its own: only units were tried"
+# Mistakes of units in a result on a mesh of its own: what that mesh may be off at most.
 _MESH_ERROR = 0.2
 # Equations that fail at so small a part of the points fail there, and not everywhere.
 _FEW = 0.1
@@ -70,7 +70,7 @@ def diagnose(
     ask: Ask | None = None,
     length_unit: str = "mm",
 ) -> Diagnosis:
-    """What explains the answer of a candidate that a gate has failed.
+    """What explains the result of a candidate that a gate has failed.
 
     Args:
         problem: The case's problem.
@@ -101,10 +101,10 @@ def diagnose(
                 tried += result_hypotheses(mine, theirs, problem.mesh.points, other=other)
             if problem.time is None:
                 apart = None if theirs is None else distance(mine, theirs)
-                answer = StaticResult(body, mine[-1], apart)
+                result = StaticResult(body, mine[-1], apart)
                 if theirs is None:
-                    tried += _by_balance(answer)
-                tried += _statics(answer, ask, bool(choose(tried)))
+                    tried += _by_balance(result)
+                tried += _statics(result, ask, bool(choose(tried)))
                 if reference is not None:
                     tried += tool_force_hypotheses(candidate, reference)
             else:
@@ -114,7 +114,7 @@ def diagnose(
         found = choose(tried)
         stated, of = _stated(body, mine, theirs)
         if not found and problem.springs:
-            hint = "With springs mechanical slips were not tried"
+            hint = "With springs mechanical mistakes were not tried"
         if not found and not hint and problem.time is None:
             hint = _where(body, mine[-1], length_unit)
     return Diagnosis(
@@ -123,7 +123,7 @@ def diagnose(
 
 
 def equations_left(problem: Problem, candidate: State) -> float:
-    """What a static answer leaves of the stated equations, over the largest nodal force."""
+    """What a static result leaves of the stated equations, over the largest nodal force."""
     body = Body(problem, candidate.strain, candidate.element)
     return StaticResult(body, candidate.displacement).stated
 
@@ -136,7 +136,7 @@ def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str
     return StaticResult(body, mine[-1]).stated, OF_FORCE
 
 
-# Of a static answer; the next of them only where nothing simpler fits.
+# Of a static result; the next of them only where nothing simpler fits.
 _FAMILIES = (
     (law_hypotheses, load_hypotheses, support_hypotheses, tool_hypotheses),
     (material_hypotheses, each_load_apart),
@@ -144,45 +144,45 @@ _FAMILIES = (
 )
 
 
-def _statics(answer: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
-    problem = answer.body.problem
-    if answer.stated <= CONVERGED and not is_found:
-        yield answer.tried(_kept(answer), Cause.AGREES, 0)
+def _statics(result: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
+    problem = result.body.problem
+    if result.stated <= CONVERGED and not is_found:
+        yield result.tried(_kept(result), Cause.AGREES, 0)
     if problem.springs:
         return
     tried: list[Explanation] = []
     for number, families in enumerate(_FAMILIES):
         if number == 0 or not (is_found or choose(tried)):
             for family in families:
-                tried += family(answer)
+                tried += family(result)
     if ask is not None and not (is_found or choose(tried) or problem.inclusions):
-        # Where it cannot answer these problems, nothing is said of them.
+        # Where it cannot result these problems, nothing is said of them.
         with contextlib.suppress(CandidateFailedError, InputError):
-            tried += isotropy_hypotheses(problem, answer.displacement, ask)
+            tried += isotropy_hypotheses(problem, result.displacement, ask)
     yield from tried
 
 
-def _kept(answer: StaticResult) -> str:
-    if answer.body.problem.tools:
+def _kept(result: StaticResult) -> str:
+    if result.body.problem.tools:
         return "the stated equations are kept wherever no tool can touch"
-    if answer.apart is not None and answer.apart > SINGLE:
+    if result.apart is not None and result.apart > SINGLE:
         return (
-            "the stated equations are kept, yet the answer is not the reference's: another "
+            "the stated equations are kept, yet the result is not the reference's: another "
             "equilibrium of the same body"
         )
     return "the stated equations are kept on this mesh"
 
 
-def _by_balance(answer: StaticResult) -> Iterator[Explanation]:
-    """Slips of the answer, where no reference is there to see them: undone, the body balances."""
-    body = answer.body
-    for name, fixed in plain_hypotheses(answer.displacement, body.mesh.points):
+def _by_balance(result: StaticResult) -> Iterator[Explanation]:
+    """Mistakes of the result, where no reference sees them: undone, the body balances."""
+    body = result.body
+    for name, fixed in plain_hypotheses(result.displacement, body.mesh.points):
         left = StaticResult(body, fixed).stated
-        yield Explanation(name, Cause.RESULT, left, answer.stated, OF_FORCE)
+        yield Explanation(name, Cause.RESULT, left, result.stated, OF_FORCE)
 
 
 def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:
-    """Slips of units alone, to the error that another mesh makes."""
+    """Mistakes of units alone, to the error that another mesh makes."""
     if theirs is None:
         return
     stated = distance(mine, theirs)

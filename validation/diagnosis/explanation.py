@@ -22,7 +22,7 @@ DOUBLE = 1e-6
 # Single precision: 6e-8, times the thousand that forces of a body that bends easily lose.
 SINGLE = 1e-4
 FAR_BETTER = 1e3
-# Two answers of converged solvers: residuals of 1e-10, and what a soft body makes of them.
+# Two results of converged solvers: residuals of 1e-10, and what a soft body makes of them.
 CONVERGED = 1e-8
 # Fits this close to nothing are as good as each other.
 _AS_GOOD = 1e-9
@@ -37,7 +37,7 @@ OF_RELATION = "the largest displacement"
 
 
 class Cause(StrEnum):
-    """Where the slip was made."""
+    """Where the mistake was made."""
 
     AGREES = "none: the stated problem is solved"
     PRECISION = "precision"
@@ -58,11 +58,11 @@ class Explanation:
 
     Attributes:
         name: In words, as "displacement in millimetres".
-        cause: Where the slip was made.
-        residual: What is left when the slip is undone, in parts of `of`.
+        cause: Where the mistake was made.
+        residual: What is left when the mistake is undone, in parts of `of`.
         stated: What the problem as stated leaves, in parts of the same.
         of: What residuals are divided by.
-        complexity: 0 for the stated problem itself, 1 for a plain slip, more for fitted numbers.
+        complexity: 0 for the stated problem itself, 1 for a plain mistake, more for fitted numbers.
         limit: What the residual may be at most: `SINGLE`, or what another mesh is off.
     """
 
@@ -89,16 +89,16 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What explains one answer of a candidate.
+    """What explains one result of a candidate.
 
     Attributes:
-        strain: Which of its answers.
+        strain: Which of its results.
         explanations: Those that fit, the simplest first; empty where none does.
         tested: How many were tried.
-        stated: What the answer as it stands leaves, in parts of `of`.
+        stated: What the result as it stands leaves, in parts of `of`.
         of: What `stated` was divided by.
         hint: A sentence on where the stated equations fail, or what could not be tried.
-        element: What the answer's tetrahedra are.
+        element: What the result's tetrahedra are.
     """
 
     strain: Strain
@@ -111,7 +111,7 @@ class Diagnosis:
 
     @property
     def title(self) -> str:
-        """Which answer it is about, for people."""
+        """Which result it is about, for people."""
         plain = f"{self.strain} strain"
         return plain if self.element is Element.LINEAR else f"{plain}, {self.element}"
 
@@ -146,7 +146,7 @@ class Diagnosis:
 def choose(tried: Iterable[Explanation]) -> tuple[Explanation, ...]:
     """Those that fit, simplest first; without those that fit far worse than the best."""
     fitting = [each for each in tried if each.fits]
-    # That the answer agrees is said only where nothing is found to be wrong with it.
+    # That the result agrees is said only where nothing is found to be wrong with it.
     fitting = [each for each in fitting if each.complexity > 0] or fitting
     if not fitting:
         return ()
@@ -199,7 +199,7 @@ def load_name(index: int, load: Load) -> str:
 
 
 def is_unit(factor: float) -> bool:
-    """Whether it is one that a slip of units makes."""
+    """Whether it is one that a mistake of units makes."""
     return abs(factor) in UNIT_FACTORS or abs(factor) in LENGTH_UNITS
 
 
@@ -222,7 +222,7 @@ def in_words(factor: float) -> str:
 
 
 def displacement_words(factor: float) -> str:
-    """A factor of the whole answer."""
+    """A factor of the whole result."""
     if factor == -1.0:
         return "displacement reversed in sign"
     turned = ", reversed" if factor < 0.0 else ""

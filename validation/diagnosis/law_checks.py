@@ -91,7 +91,7 @@ def stated_stress(material: Material, F: Array) -> Array:
 def compare_stress(
     P: Array, material: Material, kind: str, F: Array, limit: float, check: str = "law as stated"
 ) -> Finding:
-    """Stresses held against those of the law that was stated; named where they are another's."""
+    """Stresses compared with those of the law that was stated; named where they are another's."""
     right = stated_stress(material, F)
     errors = _sizes(P - right) / _scale(right, material)
     message = "" if float(errors.max()) <= limit else name_of_stress(P, material, F)

@@ -1,7 +1,7 @@
 """Slips in a motion: the start of it is stepped again with each of them.
 
 Only where the candidate's step is known: the case's, or the one that the candidate names. What is
-held in statics by equilibrium is held here by the steps themselves.
+shown in statics by equilibrium is shown here by the steps themselves.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from palpate.validation.metrics.stepping import Slip, Start, Stepper, Update
 from palpate.validation.states import State
 
 Fields = NDArray[np.float64]
-# Cells times steps that are stepped for one slip, and steps at most: some tenths of a second.
+# Cells times steps that are stepped for one hypothesis, and steps at most: some tenths of a second.
 _WORK = 3e5
 _MOST_STEPS = 500
 # A full mass matrix is inverted up to this size.
@@ -64,6 +64,7 @@ _STEPPINGS = {
 # Of a fitted number: how far it is moved to see the change, and how often it is mended.
 _NUDGE = 1e-5
 _ROUNDS = 8
+_UNTRIED = "mechanical mistakes were not tried"
 
 
 def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
@@ -73,23 +74,23 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     said = candidate.says.get("time_step", candidate.details.get("time_step"))
     step = span.time_step or (said if isinstance(said, float) and 0.0 < said < np.inf else None)
     if body.problem.springs:
-        return None, "A motion with springs is not stepped again: mechanical slips were not tried"
+        return None, f"A motion with springs is not stepped again: {_UNTRIED}"
     if body.problem.tools:
-        return None, "A motion with tools is not stepped again: mechanical slips were not tried"
+        return None, f"A motion with tools is not stepped again: {_UNTRIED}"
     if step is None:
-        return None, "No time step is known: mechanical slips were not tried (name `time_step`)"
+        return None, f"No time step is known: {_UNTRIED} (name `time_step`)"
     between = span.end_time / span.num_outputs
     # A step that a candidate claims may be anything above 0.
     per_output = max(1, int(np.ceil(min(between / step, 2 * _MOST_STEPS) * (1.0 - 1e-12))))
     most = min(_MOST_STEPS, int(_WORK / body.mesh.num_cells))
     outputs = min(span.num_outputs, most // per_output)
     if outputs < 1:
-        return None, "Too many steps to an output to repeat here: mechanical slips were not tried"
+        return None, f"Too many steps to an output to repeat here: {_UNTRIED}"
     return Stepper(body, between / per_output, per_output, outputs), ""
 
 
 def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
-    """Try each slip, and numbers to fit where none of the plain ones fits.
+    """Try each hypothesis, and numbers to fit where none of the plain ones fits.
 
     Args:
         stepper: Of the problem as stated.
@@ -156,11 +157,11 @@ def _plain_hypotheses(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, 
             continue
         released = np.zeros_like(body.held)
         released[np.ix_(support.points, np.flatnonzero(support.components))] = True
-        yield f"support {number} is not held", Cause.SUPPORT, Slip(released=released)
+        yield f"support {number} is not fixed", Cause.SUPPORT, Slip(released=released)
     off = body.held & (np.abs(fields - body.prescribed).max(axis=0) > 1e-6 * np.abs(fields).max())
     if off.any():
         count = int(off.any(axis=1).sum())
-        name = f"supports are held in part: {count} points are not held"
+        name = f"supports are fixed in part: {count} points are not fixed"
         yield name, Cause.SUPPORT, Slip(released=off)
     if any(item.amplitude for item in (*problem.loads, *problem.supports)):
         yield "amplitudes left out", Cause.LOAD, Slip(with_amplitudes=False)

@@ -51,13 +51,13 @@ def distance(fields: Fields, reference: Fields) -> float:
 def result_hypotheses(
     fields: Fields, reference: Fields, rest: Points, *, other: tuple[str, Fields] | None = None
 ) -> Iterator[Explanation]:
-    """Try every slip of the answer.
+    """Try every mistake of the result.
 
     Args:
         fields: The candidate's displacement [m], (num_times, num_points, 3).
         reference: The reference's, the same shape.
         rest: Points at rest [m].
-        other: The reference's with the other strain measure, with that slip's name.
+        other: The reference's with the other strain measure, with that mistake's name.
     """
     stated = distance(fields, reference)
 
@@ -66,7 +66,7 @@ def result_hypotheses(
         return Explanation(name, cause, left, stated, OF_DISPLACEMENT, complexity)
 
     yield from _agreement(fields, stated)
-    yield tried("nothing moves: the answer is zero", Cause.RESULT, reference + fields, 3)
+    yield tried("nothing moves: the result is zero", Cause.RESULT, reference + fields, 3)
     for name, cause, fixed, complexity in _scaled(fields, reference, rest):
         yield tried(name, cause, fixed, complexity)
     sizes = [float(np.linalg.norm(f, axis=-1).max()) for f in (fields, reference)]
@@ -81,7 +81,7 @@ def result_hypotheses(
         for fixed in _sorted_alike(fields, reference):
             yield tried("points in another order", Cause.RESULT, fixed, 2)
     shift = (fields - reference).mean(axis=1, keepdims=True)
-    yield tried("the whole answer is shifted: another origin", Cause.RESULT, fields - shift, 2)
+    yield tried("the whole result is shifted: another origin", Cause.RESULT, fields - shift, 2)
     if other is not None and other[1].shape == fields.shape:
         left = distance(fields, other[1])
         yield Explanation(other[0], Cause.LAW, left, stated, OF_DISPLACEMENT)
@@ -89,7 +89,7 @@ def result_hypotheses(
 
 
 def plain_hypotheses(displacement: Points, rest: Points) -> Iterator[tuple[str, Points]]:
-    """Slips that can be undone without a reference: sign, positions, axes; (num_points, 3)."""
+    """Mistakes that can be undone without a reference: sign, positions, axes; (num_points, 3)."""
     yield displacement_words(-1.0), -displacement
     yield POSITIONS, displacement - rest
     yield from _turned(displacement, 1.0)
@@ -210,17 +210,17 @@ _NOISE = 1e-9
 _SLOPE = np.array([[0.01, 0.005, 0.0], [-0.004, -0.008, 0.01], [0.0, 0.006, 0.005]])
 
 
-def isotropy_hypotheses(problem: Problem, answer: Points, ask: Ask) -> Iterator[Explanation]:
-    """Whether the answer depends on how the body lies in space.
+def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[Explanation]:
+    """Whether the result depends on how the body lies in space.
 
     Args:
         problem: A static one; supports of single components cannot be turned, and are not tried.
-        answer: The candidate's displacement [m].
+        result: The candidate's displacement [m].
         ask: Its displacement of another problem; may raise CandidateFailedError.
     """
     if not all(all(support.components) for support in problem.supports):
         return
-    scale = float(np.abs(answer).max())
+    scale = float(np.abs(result).max())
     if scale == 0.0:
         return
     mesh = problem.mesh
@@ -230,9 +230,9 @@ def isotropy_hypotheses(problem: Problem, answer: Points, ask: Ask) -> Iterator[
     # The patch has no inclusions: nor may the body have, for it to be told apart.
     kept = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
     given, back = transforms.renumber(problem)
-    kept = max(kept, float(np.abs(back(ask(given)) - answer).max()) / scale)
+    kept = max(kept, float(np.abs(back(ask(given)) - result).max()) / scale)
     given, back = transforms.turn(problem, transforms.rotation(_AXIS, _ANGLE_DEG))
-    broken = float(np.abs(back(ask(given)) - answer).max()) / scale
+    broken = float(np.abs(back(ask(given)) - result).max()) / scale
     yield turned_otherwise(kept, broken)
 
 
@@ -241,10 +241,10 @@ def turned_otherwise(kept: float, broken: float) -> Explanation:
 
     Args:
         kept: The most that any relation is off which a law that is not isotropic keeps.
-        broken: How far the answer to the turned problem is from the answer turned.
+        broken: How far the result to the turned problem is from the result turned.
     """
     name = (
-        "the law is not isotropic, or axes are mixed up: the turned problem has another answer "
+        "the law is not isotropic, or axes are mixed up: the turned problem has another result "
         f"than the turned one, by {broken:.2g}"
     )
     return Explanation(name, Cause.LAW, max(kept, _NOISE), broken, OF_RELATION, 4)

@@ -47,7 +47,7 @@ from palpate.validation.states import State
 
 
 class StaticResult:
-    """What every slip of a static case is tried on.
+    """What every mistake of a static case is tried on.
 
     Attributes:
         body: Of the problem as stated.
@@ -56,7 +56,7 @@ class StaticResult:
         internal: Its internal force [N].
         loads: The force of each load [N].
         external: Their sum, and that of springs.
-        miss: How far held components are off.
+        miss: How far fixed components are off.
         stated: What is left of the equations as stated.
     """
 
@@ -82,7 +82,7 @@ class StaticResult:
         rows: Mask | None = None,
         miss: float | None = None,
     ) -> Explanation:
-        """The equations with a slip in them: what is not given is as stated."""
+        """The equations with a mistake in them: what is not given is as stated."""
         left = self._left(
             self.internal if internal is None else internal,
             self.external if external is None else external,
@@ -105,7 +105,7 @@ def known_factor(factor: float) -> tuple[float, bool]:
 
 
 def cause_of(factor: float, otherwise: Cause) -> Cause:
-    """Units where the factor is one that a slip of units makes."""
+    """Units where the factor is one that a mistake of units makes."""
     return Cause.UNITS if is_unit(factor) else otherwise
 
 
@@ -138,16 +138,16 @@ def fit(columns: Sequence[Points], target: Points, rows: Mask) -> Points | None:
 # A much smaller displacement with a much larger stiffness is linear theory in disguise, but for
 # strains of the factor's own size: such a pair has to fit better than that.
 _BEYOND_SMALL = 1e-7
-# The whole answer in another unit beside another stiffness: lengths given in that unit.
+# The whole result in another unit beside another stiffness: lengths given in that unit.
 _LENGTHS = (1e3, 1e-3, 100.0, 0.01, 1e6, 1e-6)
 
 
-def load_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
-    """Each slip of the loads, by the equations with that slip in them."""
-    body, loads = answer.body, answer.body.problem.loads
+def load_hypotheses(result: StaticResult) -> Iterator[Explanation]:
+    """Each mistake of the loads, by the equations with that mistake in them."""
+    body, loads = result.body, result.body.problem.loads
     for group, name in _groups(loads).items():
-        mine, others = answer.of_loads(group)
-        found = fit([mine], answer.internal - others, body.free)
+        mine, others = result.of_loads(group)
+        found = fit([mine], result.internal - others, body.free)
         if found is None:
             continue
         factor, is_known = known_factor(float(found[0]))
@@ -159,36 +159,36 @@ def load_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
             cause = cause_of(factor, Cause.LOAD)
             if factor == -1.0 and len(group) == 1 and group <= _pressures(loads):
                 words = f"sign of the pressure reversed: {name} pulls"
-        yield answer.tried(words, cause, 1 if is_known else 2, external=others + factor * mine)
-    yield from _following(answer)
+        yield result.tried(words, cause, 1 if is_known else 2, external=others + factor * mine)
+    yield from _following(result)
     for index, load in enumerate(loads):
         force = _equal_parts(body.mesh, load)
         if force is not None:
             words = f"{load_name(index, load)} shared equally between its points"
-            _, others = answer.of_loads(frozenset({index}))
-            yield answer.tried(words, Cause.LOAD, external=others + force)
+            _, others = result.of_loads(frozenset({index}))
+            yield result.tried(words, Cause.LOAD, external=others + force)
         mean = _mean(body.mesh, load)
         if mean is not None:
             words = f"{load_name(index, load)} taken as uniform, at its mean"
-            _, others = answer.of_loads(frozenset({index}))
-            yield answer.tried(words, Cause.LOAD, external=others + nodal_force(body.mesh, mean))
-    yield from _lengths(answer)
+            _, others = result.of_loads(frozenset({index}))
+            yield result.tried(words, Cause.LOAD, external=others + nodal_force(body.mesh, mean))
+    yield from _lengths(result)
 
 
-def each_load_apart(answer: StaticResult) -> Iterator[Explanation]:
+def each_load_apart(result: StaticResult) -> Iterator[Explanation]:
     """A factor of its own for every load: only worth trying where nothing simpler fits."""
-    loads = answer.loads
-    found = fit(loads, answer.internal, answer.body.free) if len(loads) > 1 else None
+    loads = result.loads
+    found = fit(loads, result.internal, result.body.free) if len(loads) > 1 else None
     if found is None:
         return
     factors = [known_factor(float(c))[0] for c in found]
     words = ", ".join(
         f"{load_name(k, load)} {in_words(c)}"
-        for k, (load, c) in enumerate(zip(answer.body.problem.loads, factors, strict=True))
+        for k, (load, c) in enumerate(zip(result.body.problem.loads, factors, strict=True))
         if c != 1.0
     )
-    external = answer.body.total([c * f for c, f in zip(factors, loads, strict=True)])
-    yield answer.tried(words, Cause.LOAD, 3, external=external)
+    external = result.body.total([c * f for c, f in zip(factors, loads, strict=True)])
+    yield result.tried(words, Cause.LOAD, 3, external=external)
 
 
 def _pressures(loads: tuple[Load, ...]) -> frozenset[int]:
@@ -206,16 +206,16 @@ def _groups(loads: tuple[Load, ...]) -> dict[frozenset[int], str]:
     return groups
 
 
-def _following(answer: StaticResult) -> Iterator[Explanation]:
-    body, pressures = answer.body, _pressures(answer.body.problem.loads)
+def _following(result: StaticResult) -> Iterator[Explanation]:
+    body, pressures = result.body, _pressures(result.body.problem.loads)
     if not pressures:
         return
-    _, rest = answer.of_loads(pressures)
-    other = body.total([body.load(k, answer.displacement, is_other=True) for k in pressures])
+    _, rest = result.of_loads(pressures)
+    other = body.total([body.load(k, result.displacement, is_other=True) for k in pressures])
     name = PRESSURE_STAYS if body.follows else PRESSURE_FOLLOWS
-    yield answer.tried(name, Cause.LOAD, external=rest + other)
+    yield result.tried(name, Cause.LOAD, external=rest + other)
     words = f"{name}, and its sign is reversed"
-    yield answer.tried(words, Cause.LOAD, 2, external=rest - other)
+    yield result.tried(words, Cause.LOAD, 2, external=rest - other)
 
 
 def _equal_parts(mesh: TetMesh, load: Load) -> Points | None:
@@ -238,7 +238,7 @@ def _equal_parts(mesh: TetMesh, load: Load) -> Points | None:
 
 
 def _mean(mesh: TetMesh, load: Load) -> Traction | None:
-    """A traction that varies at its mean everywhere; None where there is no such slip."""
+    """A traction that varies at its mean everywhere; None where there is no such mistake."""
     if not isinstance(load, Traction) or load.is_uniform:
         return None
     total = _resultant(mesh, load)
@@ -255,13 +255,13 @@ def _resultant(mesh: TetMesh, load: Traction) -> Points | None:
     return total if np.abs(total).max() > 1e-12 * np.abs(force).sum() else None
 
 
-def _lengths(answer: StaticResult) -> Iterator[Explanation]:
-    """An answer in another unit, with lengths in that unit or with another stiffness beside it."""
+def _lengths(result: StaticResult) -> Iterator[Explanation]:
+    """A result in another unit, with lengths in that unit or with another stiffness beside it."""
     for factor in _LENGTHS:
-        smaller = StaticResult(answer.body, answer.displacement / factor)
-        smaller.stated = answer.stated
+        smaller = StaticResult(result.body, result.displacement / factor)
+        smaller.stated = result.stated
         # A mesh in that unit has areas, and so forces of stress and pressure, by its square.
-        pressed, others = smaller.of_loads(_pressures(answer.body.problem.loads))
+        pressed, others = smaller.of_loads(_pressures(result.body.problem.loads))
         given = smaller.tried(
             f"lengths given {in_words(factor)}, the displacement with them; forces and stresses "
             "as they are",
@@ -272,10 +272,10 @@ def _lengths(answer: StaticResult) -> Iterator[Explanation]:
         )
         if smaller.external.any():
             yield given
-        if not answer.body.follows:
-            # Another unit of the answer is another stiffness there: tried beside the loads.
+        if not result.body.follows:
+            # Another unit of the result is another stiffness there: tried beside the loads.
             continue
-        found = fit([smaller.internal], smaller.external, answer.body.free)
+        found = fit([smaller.internal], smaller.external, result.body.free)
         known = None if found is None else snapped(float(found[0]))
         if known is None or known <= 0.0 or given.fits:
             continue
@@ -286,17 +286,17 @@ def _lengths(answer: StaticResult) -> Iterator[Explanation]:
         yield dataclasses.replace(given, limit=limit)
 
 
-# Held components that are this far off, in parts of the largest displacement, are not held: in
+# Fixed components that are this far off, in parts of the largest displacement, are not fixed: in
 # double precision, and in single.
 _OFF = (1e-10, 1e-6)
-# Free ones that move less are held.
+# Free ones that move less are fixed.
 _STILL = 1e-13
 _AXES = "xyz"
 
 
-def support_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
-    """Each slip of the supports, by the equations with that slip in them."""
-    body, displacement = answer.body, answer.displacement
+def support_hypotheses(result: StaticResult) -> Iterator[Explanation]:
+    """Each mistake of the supports, by the equations with that mistake in them."""
+    body, displacement = result.body, result.displacement
     largest = float(np.abs(displacement).max())
     apart = np.where(body.held, np.abs(displacement - body.prescribed), 0.0)
     tried = []
@@ -306,7 +306,7 @@ def support_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         miss = relative_to(float(apart[~off].max(initial=0.0)), largest)
         name, is_plain = _released_words(body, off)
         complexity = 1 if is_plain else 2
-        tried.append(answer.tried(name, Cause.SUPPORT, complexity, rows=body.free | off, miss=miss))
+        tried.append(result.tried(name, Cause.SUPPORT, complexity, rows=body.free | off, miss=miss))
     if body.prescribed.any():
         asked = body.prescribed[body.held]
         factor = float(displacement[body.held] @ asked / (asked @ asked))
@@ -314,20 +314,20 @@ def support_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         left = np.abs(displacement - factor * body.prescribed)[body.held].max(initial=0.0)
         name, cause = f"prescribed displacement {in_words(factor)}", cause_of(factor, Cause.SUPPORT)
         complexity = 1 if is_known else 2
-        tried.append(answer.tried(name, cause, complexity, miss=relative_to(float(left), largest)))
+        tried.append(result.tried(name, cause, complexity, miss=relative_to(float(left), largest)))
     yield from tried
     if not any(each.fits for each in tried):
-        name = "held points are held at other places"
-        yield answer.tried(name, Cause.SUPPORT, 3, miss=0.0)
-    # What is held that should be free.
+        name = "fixed points are fixed at other positions"
+        yield result.tried(name, Cause.SUPPORT, 3, miss=0.0)
+    # What is fixed that should be free.
     still = body.free & (np.abs(displacement) <= _STILL * largest)
     if still.any() and still.sum() < 0.5 * body.free.sum():
         name = _overheld_words(body, still)
-        yield answer.tried(name, Cause.SUPPORT, 2, rows=body.free & ~still)
+        yield result.tried(name, Cause.SUPPORT, 2, rows=body.free & ~still)
 
 
 def _released_words(body: Body, off: Mask) -> tuple[str, bool]:
-    """Which supports are not held, and whether it is whole ones or whole components."""
+    """Which supports are not fixed, and whether it is whole ones or whole components."""
     parts, plain = [], True
     for number, support in enumerate(body.problem.supports, start=1):
         if support.normal is not None:
@@ -341,16 +341,17 @@ def _released_words(body: Body, off: Mask) -> tuple[str, bool]:
         axes = np.flatnonzero(missing.any(axis=0))
         whole = all(missing[:, k].sum() > 0.9 * mine[:, k].sum() for k in axes)
         if whole and len(axes) == sum(support.components):
-            parts.append(f"{name} is not held")
+            parts.append(f"{name} is not fixed")
         elif whole:
-            parts.append(f"{name} does not hold {' and '.join(_AXES[k] for k in axes)}")
+            parts.append(f"{name} does not fix {' and '.join(_AXES[k] for k in axes)}")
         else:
             plain = False
             count = int(missing.any(axis=1).sum())
             parts.append(
-                f"{name} is held in part: {count} of its {len(support.points)} points are not held"
+                f"{name} is fixed in part: {count} of its {len(support.points)} points are not "
+                "fixed"
             )
-    return ", ".join(parts) or "a support is not held", plain and len(parts) == 1
+    return ", ".join(parts) or "a support is not fixed", plain and len(parts) == 1
 
 
 def _overheld_words(body: Body, still: Mask) -> str:
@@ -359,20 +360,20 @@ def _overheld_words(body: Body, still: Mask) -> str:
         mine[support.points] = True
         if not all(support.components) and not (still & ~mine).any():
             axes = " and ".join(_AXES[k] for k in np.flatnonzero(still.any(axis=0)))
-            return f"support {number} holds {axes} as well"
-    return f"{int(still.any(axis=1).sum())} points are held that should be free"
+            return f"support {number} fixes {axes} as well"
+    return f"{int(still.any(axis=1).sum())} points are fixed that should be free"
 
 
-def tool_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
+def tool_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     """Equilibrium without the tools, where they could touch as well.
 
     How far it is from the reference is what has to be explained: equilibrium elsewhere does not
     see the tools.
     """
-    if not answer.body.problem.tools or answer.apart is None:
+    if not result.body.problem.tools or result.apart is None:
         return
-    found = answer.tried("tools left out: nothing touches", Cause.TOOL, rows=~answer.body.held)
-    yield replace(found, stated=answer.apart)
+    found = result.tried("tools left out: nothing touches", Cause.TOOL, rows=~result.body.held)
+    yield replace(found, stated=result.apart)
 
 
 def tool_force_hypotheses(candidate: State, reference: State) -> Iterator[Explanation]:
@@ -398,35 +399,35 @@ def tool_force_hypotheses(candidate: State, reference: State) -> Iterator[Explan
 
 # A constant that differs by less from what was asked is said to be right.
 _SAME = 1e-5
-# Constants this many times larger than what was asked belong to an answer that hardly moves, or to
+# Constants this many times larger than what was asked belong to a result that hardly moves, or to
 # a strain that the case does not have.
 _ABSURD = 1e3
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-def law_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
+def law_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     """Each other law with the material asked for."""
-    body, u = answer.body, answer.displacement
+    body, u = result.body, result.displacement
     for name, law in laws_instead_of_law(body.strain, body.law).items():
         internal = body.internal(u, law)
-        tried = [answer.tried(name, Cause.LAW, internal=internal)]
+        tried = [result.tried(name, Cause.LAW, internal=internal)]
         if name == OTHER_STRAIN[body.strain]:
             # Pressures go with the strain measure, or are as they were asked for.
             otherwise = body.external(u, is_other=True)
-            tried.append(answer.tried(name, Cause.LAW, internal=internal, external=otherwise))
+            tried.append(result.tried(name, Cause.LAW, internal=internal, external=otherwise))
         yield min(tried, key=lambda each: each.residual)
     if body.problem.inclusions:
         one = np.ones(body.mesh.num_cells)
         lmbda, mu = (of * one for of in lame_of(body.problem.material))
         name = "inclusions left out: one material everywhere"
         internal = body.internal(u, lame=(lmbda, mu))
-        yield answer.tried(name, Cause.MATERIAL, internal=internal)
+        yield result.tried(name, Cause.MATERIAL, internal=internal)
 
 
-def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
-    """Lamé's parameters as the answer has them, by least squares, and which slip they are."""
-    body = answer.body
-    H = body.gradient(answer.displacement)
+def material_hypotheses(result: StaticResult) -> Iterator[Explanation]:
+    """Lamé's parameters as the result has them, by least squares, and which mistake they are."""
+    body = result.body
+    H = body.gradient(result.displacement)
     E = strain_of(H, body.strain)
     none = np.zeros(body.mesh.num_cells)
     # Poisson's ratio 0 has no lmbda to multiply: then in parts of mu.
@@ -436,11 +437,11 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         shape_part = body.force_of(push_forward(H, hooke(E, none, body.mu), body.strain))
     else:
         # Linear in the moduli, all of them.
-        volume_part = body.internal(answer.displacement, lame=(base, none))
-        shape_part = body.internal(answer.displacement, lame=(none, body.mu))
-    has_forces = bool(answer.external[body.free].any())
+        volume_part = body.internal(result.displacement, lame=(base, none))
+        shape_part = body.internal(result.displacement, lame=(none, body.mu))
+    has_forces = bool(result.external[body.free].any())
     if has_forces:
-        found = fit([volume_part, shape_part], answer.external, body.free)
+        found = fit([volume_part, shape_part], result.external, body.free)
     else:
         # Without forces only the ratio of the two can be told.
         found = fit([volume_part], -shape_part, body.free)
@@ -459,7 +460,7 @@ def material_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         lmbda, mu = (asked.youngs_modulus / stiffness * of for of in (lmbda, mu))
     name, complexity = _material_words(asked, lmbda, mu)
     internal = a * volume_part + b * shape_part
-    yield answer.tried(name, Cause.MATERIAL, complexity, internal=internal)
+    yield result.tried(name, Cause.MATERIAL, complexity, internal=internal)
 
 
 def lame_of(material: Material) -> tuple[float, float]:
@@ -469,7 +470,7 @@ def lame_of(material: Material) -> tuple[float, float]:
 
 
 def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
-    """What slips make of Lamé's parameters, numbers or arrays by cell, by name."""
+    """What mistakes make of Lamé's parameters, numbers or arrays by cell, by name."""
     E = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
     return {
         "Lamé's parameters exchanged": (mu, lmbda),
@@ -499,18 +500,18 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
     return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {ratio}", 3
 
 
-def anisotropy_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
+def anisotropy_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     """Nine constants of a stiffness that is symmetric to the axes, by least squares.
 
     Of one material everywhere, with the stress linear in the strain. Worth trying only where
     nothing simpler fits: it takes in every isotropic one.
     """
-    body = answer.body
-    if body.problem.inclusions or not answer.external[body.free].any():
+    body = result.body
+    if body.problem.inclusions or not result.external[body.free].any():
         return
     if not body.is_linear_in_strain:
         return
-    H = body.gradient(answer.displacement)
+    H = body.gradient(result.displacement)
     E = strain_of(H, body.strain)
     columns = []
     for i, j in _PAIRS:
@@ -524,13 +525,13 @@ def anisotropy_hypotheses(answer: StaticResult) -> Iterator[Explanation]:
         S[:, i, j] = S[:, j, i] = 2.0 * E[:, i, j]
         columns.append(S)
     forces = [body.force_of(push_forward(H, S, body.strain)) for S in columns]
-    found = fit(forces, answer.external, body.free)
+    found = fit(forces, result.external, body.free)
     if found is None or np.abs(found).max() > _ABSURD * body.lmbda.max() + _ABSURD * body.mu.max():
         return
     internal = body.total([c * f for c, f in zip(found, forces, strict=True)])
     l0, m0 = float(body.lmbda[0]), float(body.mu[0])
     asked = np.array([l0 + 2.0 * m0] * 3 + [l0] * 3 + [m0] * 3)
-    yield answer.tried(_constants(found, asked), Cause.LAW, 4, internal=internal)
+    yield result.tried(_constants(found, asked), Cause.LAW, 4, internal=internal)
 
 
 def _constants(found: Array, asked: Array) -> str:

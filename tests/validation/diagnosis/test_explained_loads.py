@@ -62,12 +62,12 @@ def test_supports_of_single_components_are_named_where_one_is_missing_or_one_too
     assert [s.components for s in sides] == [(False, False, True)] * 2
     loose = dataclasses.replace(problem, supports=(clamp, sides[0]))
     answered = state(problem, solve_static(loose).displacement)
-    assert name_of(diagnose(problem, answered, None)) == "support 3 is not held"
+    assert name_of(diagnose(problem, answered, None)) == "support 3 is not fixed"
     # The clamp and the sides hold everything but y at the bottom's points.
     firm = dataclasses.replace(sides[0], components=(True, False, True))
     stiff = dataclasses.replace(problem, supports=(clamp, firm, sides[1]))
     answered = state(problem, solve_static(stiff).displacement)
-    assert name_of(diagnose(problem, answered, None)) == "support 2 holds x as well"
+    assert name_of(diagnose(problem, answered, None)) == "support 2 fixes x as well"
 
 
 def test_inclusions_that_are_left_out_are_named(problem: Problem) -> None:

@@ -191,7 +191,7 @@ def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> 
     # A step that cannot be is no step.
     for claim in (1e-310, float("inf"), float("nan"), -1.0, "1e-4", [1e-4]):
         told = dataclasses.replace(told, says={"time_step": claim})
-        assert "mechanical slips were not tried" in str(diagnose(unknown, told, None))
+        assert "mechanical mistakes were not tried" in str(diagnose(unknown, told, None))
 
 
 def test_a_motion_of_too_many_steps_says_that_nothing_was_tried() -> None:

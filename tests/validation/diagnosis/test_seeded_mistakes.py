@@ -51,7 +51,7 @@ OF_PROBLEM = {
     "swapped-lame": "Lamé's parameters exchanged",
     # lmbda + 2 mu = 10 kPa 0.6 / (1.4 0.2) = 21429 Pa, and mu = 10 kPa / 2.8 = 3571 Pa more.
     "orthotropic": "the law is not isotropic: C11 25000 Pa where 21429 Pa was asked",
-    "half-support": "support 1 is held in part: 3 of its 9 points are not held",
+    "half-support": "support 1 is fixed in part: 3 of its 9 points are not fixed",
     "millimetre-mesh": "lengths given 1000 times too large, the displacement with them; forces "
     "and stresses as they are",
 }

@@ -10,11 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.meshes.problem import Element
-from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.case import load_case
 from palpate.validation.judging.error_budget import case_budgets
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import citation, results_json
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import FigureForm
@@ -22,12 +18,6 @@ from palpate.validation.report.case_plots import write_figures
 from palpate.validation.report.tables import write_tables
 
 MILLIMETRE = 72.0 / 25.4  # points
-
-
-@pytest.fixture(scope="module")
-def both() -> CaseResult:
-    candidates = [fastsim_candidate(element=element) for element in Element]
-    return judge_case(load_case("block"), candidate=candidates)
 
 
 def width(path: Path) -> float:

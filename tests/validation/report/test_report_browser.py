@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.meshes.problem import Element
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
-from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
@@ -23,17 +21,6 @@ from palpate.validation.report.pdf import find_browser, print_pdf
 from palpate.validation.report.viewer import viewer_json
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def kidney() -> CaseResult:
-    return judge_case(load_case("kidney"))
-
-
-@pytest.fixture(scope="module")
-def both() -> CaseResult:
-    candidates = [fastsim_candidate(element=element) for element in Element]
-    return judge_case(load_case("block"), candidate=candidates)
 
 
 def picture(browser: Any) -> np.ndarray:
@@ -93,10 +80,8 @@ def move_slider(browser: Any, share: float) -> None:
     )
 
 
-def test_the_view_draws_turns_and_moves(
-    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_the_view_draws_turns_and_moves(browser: Any, kidney: CaseResult, tmp_path: Path) -> None:
     open_page(browser, html.write_report([kidney], tmp_path))
     assert serious(browser) == []
     state = "document.querySelector('.viewer').dataset.state"
@@ -125,10 +110,10 @@ def test_the_view_draws_turns_and_moves(
     assert serious(browser) == []
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_two_candidates_stand_below_their_errors_beside_the_reference(
-    browser: Any, both: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    browser: Any, both: CaseResult, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     open_page(browser, html.write_report([both], tmp_path))
     assert texts(browser, ".view:not([hidden]) .name") == [
         "error of fastsim",
@@ -148,10 +133,8 @@ def test_two_candidates_stand_below_their_errors_beside_the_reference(
     assert serious(browser) == []
 
 
-def test_a_motion_goes_through_its_times(
-    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_a_motion_goes_through_its_times(browser: Any, tmp_path: Path) -> None:
     open_page(browser, html.write_report([judge_case(load_case("block-motion"))], tmp_path))
     shown = "return document.querySelector('.viewer output').textContent"
     assert browser.execute_script(shown) == "0.500 s"
@@ -181,11 +164,11 @@ def test_a_motion_goes_through_its_times(
     assert serious(browser) == []
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_tool_is_drawn_where_it_is(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With and without it the pixels differ, and the body is seen through it."""
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     result = judge_case(load_case("block-motion"), diagnoses=False)
     points = result.problem.mesh.points
     high = points.max(axis=0)
@@ -206,10 +189,8 @@ def test_a_tool_is_drawn_where_it_is(
     assert serious(browser) == []
 
 
-def test_a_hostile_case_does_no_harm(
-    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_a_hostile_case_does_no_harm(browser: Any, kidney: CaseResult, tmp_path: Path) -> None:
     hostile = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
     states = tuple(dataclasses.replace(s, label=hostile + s.label) for s in kidney.states)
     result = dataclasses.replace(
@@ -226,10 +207,10 @@ def test_a_hostile_case_does_no_harm(
     assert serious(browser) == []
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_several_cases_are_linked_from_an_index(
-    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    browser: Any, kidney: CaseResult, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     other = dataclasses.replace(kidney, name="other")
     page = html.write_report([kidney, other], tmp_path)
     assert page.name == "index.html"

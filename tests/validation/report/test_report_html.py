@@ -27,11 +27,6 @@ from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
 
 
-@pytest.fixture(scope="module")
-def kidney() -> CaseResult:
-    return judge_case(load_case("kidney"))
-
-
 def test_table_one_prints_the_paper_and_the_fitted_reference(kidney: CaseResult) -> None:
     table = state_table(kidney)
     assert table.columns[0] == "paper"
@@ -64,10 +59,8 @@ def test_the_page_is_whole_and_offline(kidney: CaseResult, tmp_path: Path) -> No
     assert (tmp_path / "kidney-states.csv").read_text().count("\n") == 7
 
 
-def test_a_hostile_title_is_text(
-    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_a_hostile_title_is_text(kidney: CaseResult, tmp_path: Path) -> None:
     hostile = "<script>alert(1)</script>"
     check = dataclasses.replace(kidney.checks[0], reason=hostile, message=hostile)
     result = dataclasses.replace(
@@ -82,10 +75,8 @@ def test_a_hostile_title_is_text(
     assert text.count("&lt;script&gt;") >= 5
 
 
-def test_no_picture_is_said_and_the_verdict_stays(
-    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_no_picture_is_said_and_the_verdict_stays(kidney: CaseResult, tmp_path: Path) -> None:
     text = html.write_report([kidney], tmp_path).read_text("utf-8")
     assert "could not be drawn" in text
     assert "9 passed, 1 inconclusive, 1 failed" in text
@@ -158,8 +149,8 @@ def test_the_camera_sees_the_largest_error_and_no_axis(along: tuple[int, int, in
     assert np.abs(eye).max() < 0.95
 
 
-def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_a_motion_is_shown_time_by_time(tmp_path: Path) -> None:
     block = judge_case(load_case("block-motion"))
     scene = json.loads(viewer_json(block))
     assert scene["times"] == pytest.approx(np.linspace(0.0, 0.5, 51))
@@ -187,11 +178,9 @@ def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.Monk
     assert "No budget: blew up after step" in text
 
 
-def test_fifty_thousand_cells_stay_under_five_megabytes(
-    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("no_pictures")
+def test_fifty_thousand_cells_stay_under_five_megabytes(kidney: CaseResult, tmp_path: Path) -> None:
     """A mesh of 52 920 cells with every state a case can have, pictures apart (0.4 MB)."""
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     mesh = brick_box((21, 21, 20), (0.1, 0.1, 0.1))
     assert mesh.num_cells > 50_000
     rng = np.random.default_rng(3)
@@ -241,10 +230,8 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     assert red["numerical code verification"][1] == "in part"
 
 
-def test_only_a_case_that_says_so_is_said_to_be_fitted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kidney: CaseResult
-) -> None:
-    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+@pytest.mark.usefixtures("no_pictures")
+def test_only_a_case_that_says_so_is_said_to_be_fitted(tmp_path: Path, kidney: CaseResult) -> None:
     page = html.write_report([kidney], tmp_path).read_text("utf-8")
     assert "material.poissons_ratio, load[0].force" in page.partition("The states")[0]
     assert "208 017" in page

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from palpate.validation.case import load_case
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import (
     junit_xml,
     print_results,
@@ -23,16 +21,6 @@ from palpate.validation.judging.results import CaseResult, Scope, tone_of
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.trust import trust_of, where_wrong
 from palpate.validation.states import Verdict
-
-
-@pytest.fixture(scope="module")
-def kidney() -> CaseResult:
-    return judge_case(load_case("kidney"))
-
-
-@pytest.fixture(scope="module")
-def block() -> CaseResult:
-    return judge_case(load_case("block"))
 
 
 def of(result: CaseResult, *against: str) -> CaseResult:

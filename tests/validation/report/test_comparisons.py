@@ -32,15 +32,10 @@ def motion() -> CaseResult:
     return judge_case(load_case("block-motion"), candidate=BOTH, diagnoses=False)
 
 
-@pytest.fixture(scope="module")
-def block() -> CaseResult:
-    return judge_case(load_case("block"), candidate=BOTH, diagnoses=False)
-
-
-def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(block: CaseResult) -> None:
-    for look in comparisons_of(block):
-        candidates = [block.states[one] for one, _ in look.pairs]
-        references = [block.states[other] for _, other in look.pairs]
+def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(both: CaseResult) -> None:
+    for look in comparisons_of(both):
+        candidates = [both.states[one] for one, _ in look.pairs]
+        references = [both.states[other] for _, other in look.pairs]
         assert [s.element for s in candidates] == [Element.LINEAR, Element.SMOOTHED]
         assert {s.strain for s in (*candidates, *references)} == {look.strain}
         if look.is_truth:
@@ -49,13 +44,13 @@ def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(block: Cas
         else:
             assert [s.element for s in references] == [s.element for s in candidates]
     # The finest truth comes first, linear strain last.
-    first, *_, last = comparisons_of(block)
-    assert block.states[first.references[0]].label == "reference P2, refined"
+    first, *_, last = comparisons_of(both)
+    assert both.states[first.references[0]].label == "reference P2, refined"
     assert (first.strain, last.strain) == (Strain.GREEN, Strain.LINEAR)
 
 
-def test_pictures_show_both_and_the_reference_on_one_scale(block: CaseResult) -> None:
-    pictures = result_views(block)
+def test_pictures_show_both_and_the_reference_on_one_scale(both: CaseResult) -> None:
+    pictures = result_views(both)
     titles = [panel.title for panel in pictures["states"]]
     assert titles[1:] == [
         f"{name} (wires: original)"
@@ -104,12 +99,12 @@ def test_a_candidate_alone_looks_as_ever() -> None:
 
 
 def test_pictures_stand_as_the_3d_view_begins_with_tools_supports_and_loads(
-    block: CaseResult,
+    both: CaseResult,
 ) -> None:
     path = ToolPath([0.0, 1.0], [[0.0, 0.0, 0.03], [0.01, 0.0, 0.03]])
     tool = RigidTool(SphereShape(0.004), path)
-    problem = dataclasses.replace(block.problem, tools=(tool,))
-    result = dataclasses.replace(block, problem=problem)
+    problem = dataclasses.replace(both.problem, tools=(tool,))
+    result = dataclasses.replace(both, problem=problem)
     yaw, pitch = json.loads(viewer_json(result))["eye"]
     pictures = result_views(result)
     assert {panel.side for panels in pictures.values() for panel in panels} == {
