@@ -15,24 +15,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from palpate.meshes.arrays import Indices
 from palpate.meshes.supervised import supervised
 from palpate.reference import availability
-from palpate.validation.live.verdict import ANSWERED, SAME_MESH, TRUTH
-from palpate.validation.report.viewer import packed
+from palpate.validation.live.verdict import SAME_MESH, TRUTH
 
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
 # Each answer is waited for so long after what was before it [s].
 LIMITS = {SAME_MESH: 120.0, TRUTH: 180.0}
-_ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
-_COLOUR = {
-    SAME_MESH: "colour: distance from the reference on the same mesh",
-    TRUTH: "colour: distance from the truth (P2, Green strain)",
-}
 # Progress is told so often at most [s].
 _BREATH = 0.5
 
@@ -41,17 +32,14 @@ class Judging(threading.Thread):
     """Runs `verdict` for a pose and says what comes of it.
 
     Args:
-        case: Written by `write_pose`.
-        answers: Beside it.
-        used: The points whose errors the page shows.
+        case: Written by `recording.write_pose`.
+        pose: Beside it.
         say: Takes notes for the page.
     """
 
-    def __init__(
-        self, case: Path, answers: Path, used: Indices, say: Callable[[Note], None]
-    ) -> None:
+    def __init__(self, case: Path, pose: Path, say: Callable[[Note], None]) -> None:
         super().__init__(name="judging", daemon=True)
-        self._case, self._answers, self._used, self._say = case, answers, used, say
+        self._case, self._pose, self._say = case, pose, say
         self._process: subprocess.Popen[Any] | None = None
         self._is_over = self._is_late = False
         self._waits_for: str | None = SAME_MESH
@@ -65,8 +53,7 @@ class Judging(threading.Thread):
                 f"is: palpate compare {self._case} RESULT --live"
             )
             return
-        found = self._answers.with_name(f"{self._case.stem}-errors.npz")
-        command = [sys.executable, "-m", VERDICT, *map(str, (self._case, self._answers, found))]
+        command = [sys.executable, "-m", VERDICT, str(self._case), str(self._pose)]
         pipe = subprocess.PIPE
         trouble: list[str] = []
         with supervised(
@@ -81,8 +68,8 @@ class Judging(threading.Thread):
             self._wait_for(SAME_MESH)
             last = 0.0
             for line in process.stdout:
-                if line.startswith(ANSWERED):
-                    self._tell(line.removeprefix(ANSWERED).strip(), found)
+                if line.startswith("{"):
+                    self._pass_on(json.loads(line))
                 elif time.monotonic() - last > _BREATH:
                     last = time.monotonic()
                     self._say({"kind": "progress", "text": line.strip()})
@@ -95,13 +82,13 @@ class Judging(threading.Thread):
             return
         if self._is_late:
             limit = LIMITS[self._waits_for]
-            self._end(f"{_CALLED[self._waits_for]} was not found within {limit:g} s{self._kept}")
+            self._end(f"{_CALLED[self._waits_for]} was not found within {limit:g} s{self._stands}")
         else:
             said = trouble[-1].strip() if trouble else f"the solver ended with {code}"
-            self._end(f"{_CALLED[self._waits_for]} was not found: {said}{self._kept}")
+            self._end(f"{_CALLED[self._waits_for]} was not found: {said}{self._stands}")
 
     @property
-    def _kept(self) -> str:
+    def _stands(self) -> str:
         return "; the verdict on the same mesh stands" if self._waits_for == TRUTH else ""
 
     def _wait_for(self, question: str | None) -> None:
@@ -118,38 +105,13 @@ class Judging(threading.Thread):
         if self._process is not None:
             self._process.terminate()
 
-    def _tell(self, question: str, found: Path) -> None:
-        """Show an answer."""
-        self._wait_for(TRUTH if question == SAME_MESH else None)
-        with np.load(found, allow_pickle=False) as data:
-            lengths = data["errors"][:, self._used] * 1e3
-            told = json.loads(str(data["told"]))
-        for pane in told:
-            checks = "; ".join(pane["checks"])
-            self._say(
-                {
-                    "kind": "note",
-                    "text": f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {checks}",
-                    "verdict": pane["verdict"],
-                }
-            )
-        there = np.isfinite(lengths).all(axis=1)
-        self._say(
-            {
-                "kind": "judged",
-                "text": f"{_COLOUR[question]}; the case: {self._case}",
-                "against": question,
-                "more": self._waits_for is not None,
-                "verdicts": [pane["verdict"] for pane in told],
-                "largest": float(lengths[there].max(initial=0.0)),
-                "errors": [
-                    packed(of, np.float32) if is_there else None
-                    for of, is_there in zip(lengths, there, strict=True)
-                ],
-            }
-        )
-        if self._waits_for is not None:
-            limit = LIMITS[self._waits_for]
+    def _pass_on(self, note: Note) -> None:
+        """A note of the program; after the first errors the truth is waited for."""
+        if note["kind"] == "judged":
+            self._wait_for(TRUTH if note["more"] else None)
+        self._say(note)
+        if note.get("more"):
+            limit = LIMITS[TRUTH]
             self._say({"kind": "progress", "text": f"looking for the truth, {limit:g} s at most"})
 
     def stop(self) -> None:

@@ -452,7 +452,8 @@ class CondensedPane(Pane):
         self._seen, self._force = state.displacement, state.forces[0]
 
     def _moved(self) -> Points:
-        return self._seen[self._used]
+        moved: Points = self._seen[self._used]
+        return moved
 
     def pull(self) -> Floats:
         """See `Pane`."""

@@ -367,7 +367,7 @@ class Simulation(threading.Thread):
         try:
             name = free_name(self._folder, f"held-{self._case.name}")
             held = None if self._grip is None else self._grip.held()
-            case, answers = write_pose(
+            case, pose = write_pose(
                 self.live, self.hand.position, self.panes, forces, held, self._folder, name
             )
         except (InputError, OSError) as error:
@@ -380,7 +380,7 @@ class Simulation(threading.Thread):
         metres = self._metres(self.hand.position)
         if warning := BetweenVertices(self.live.problem).warning(metres, moved):
             self._say(warning)
-        self._judging = Judging(case, answers, self.surface.used, self._send)
+        self._judging = Judging(case, pose, self._send)
         self._judging.start()
 
     def _with_loads(self, on: bool) -> None:

@@ -1,17 +1,16 @@
-"""A pose of the live page held against the reference: a program of its own, in the background.
+"""A pose of the live page compared with the reference: a program of its own, in the background.
 
-python -m palpate.validation.live.verdict CASE.toml POSE.npz ANSWER.npz: the case is static, POSE
-holds each pane's displacement [m], the force on the hand [N], strain measure and element. Two
-questions, one after the other:
+python -m palpate.validation.live.verdict CASE.toml POSE.npz: the case is static, POSE holds each
+pane's displacement [m], the force on the hand [N], strain measure and element. Two questions, one
+after the other:
 
 - `SAME_MESH`: is it solved right? Each pane against the reference with its own strain measure and
   element on the same mesh: what is left is how far the pose is from rest.
 - `TRUTH`: is it what tissue does? Every pane against P2 under Green strain, also those that are
   stepped with linear strain.
 
-After each, ANSWER gets the error of each pane at each point [m], NaN where there is no reference,
-and what is to be said as JSON; then the line "answered" and the question go to standard output.
-Other lines there are progress.
+After each, notes for the page go to standard output, a line of JSON each: what is to be said of
+every pane, and the length of its error at the surface's points. Other lines are progress.
 """
 
 from __future__ import annotations
@@ -26,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
@@ -46,11 +44,15 @@ from palpate.validation.references.reference_set import SAME_MESH as LINEAR
 from palpate.validation.references.reference_set import TRUTH as GRADED
 from palpate.validation.references.runs import solve_state
 from palpate.validation.references.statics import estimate_bars, solve_live
+from palpate.validation.report.viewer import packed
 from palpate.validation.states import CandidateFailedError, Progress, State, gravest
 
 SAME_MESH, TRUTH = "same mesh", "truth"
-# The line that an answer is announced by begins so.
-ANSWERED = "answered "
+_ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
+_COLOUR = {
+    SAME_MESH: "colour: distance from the reference on the same mesh",
+    TRUTH: "colour: distance from the truth (P2, Green strain)",
+}
 # Of the reference's budget: it ends before the page's patience does [s].
 _SECONDS = 120.0
 # And its geometry part, of bodies that have one [s].
@@ -254,24 +256,42 @@ def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
     ]
 
 
+def say(path: Path, question: str, found: Answer, used: Indices) -> None:
+    """Print the notes of an answer: of each pane, and of the errors at the surface's points."""
+    for pane in found.told:
+        text = f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {'; '.join(pane['checks'])}"
+        print(json.dumps({"kind": "note", "text": text, "verdict": pane["verdict"]}))
+    lengths = found.errors[:, used] * 1e3
+    there = np.isfinite(lengths).all(axis=1)
+    note = {
+        "kind": "judged",
+        "text": f"{_COLOUR[question]}; the case: {path}",
+        "against": question,
+        "more": question == SAME_MESH,
+        "verdicts": [pane["verdict"] for pane in found.told],
+        "largest": float(lengths[there].max(initial=0.0)),
+        "errors": [
+            packed(of, np.float32) if is_there else None
+            for of, is_there in zip(lengths, there, strict=True)
+        ],
+    }
+    print(json.dumps(note, allow_nan=False), flush=True)
+
+
 def main(words: list[str]) -> int:
     """See the module."""
-    path, pose, answer = map(Path, words)
+    path, pose = map(Path, words)
 
     def progress(line: str) -> None:
         print(line, flush=True)
 
-    def say(question: str, found: Answer) -> None:
-        with atomic_path(answer) as temporary, temporary.open("wb") as file:
-            np.savez(file, errors=found.errors, told=np.array(json.dumps(found.told)))
-        print(f"{ANSWERED}{question}", flush=True)
-
     try:
         case, panes = load_case(path), read_pose(pose)
+        used = np.unique(case.problem.mesh.boundary_facets)
         known = same_mesh_references(case, panes, progress)
-        say(SAME_MESH, judge_panes(SAME_MESH, case, panes, known))
+        say(path, SAME_MESH, judge_panes(SAME_MESH, case, panes, known), used)
         found = true_references(case, panes, known, progress)
-        say(TRUTH, judge_panes(TRUTH, case, panes, found))
+        say(path, TRUTH, judge_panes(TRUTH, case, panes, found), used)
     except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
         print(error, file=sys.stderr, flush=True)
         return 3

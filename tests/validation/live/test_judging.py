@@ -22,13 +22,14 @@ from palpate.validation.references.reference_set import SAME_MESH, TRUTH, Refere
 
 # Answers on the same mesh, then does what stands in LATER.
 STUB = """
-import json, sys, time
+import sys, time
+from pathlib import Path
 import numpy as np
-case, pose, answer = sys.argv[1:]
-told = [{"name": "Green strain", "verdict": "passed", "checks": ["displacement_l2 passed"]}]
-np.savez(open(answer, "wb"), errors=np.array([[0.0, 1e-3], [np.nan, np.nan]]),
-         told=np.array(json.dumps(told * 2)))
-print("answered same mesh", flush=True)
+from palpate.validation.live.verdict import SAME_MESH, TRUTH, Answer, say
+case, pose = map(Path, sys.argv[1:])
+told = [{"name": "Green strain", "verdict": "passed", "checks": ["displacement_l2 passed"]}] * 2
+answer = Answer(told, np.array([[0.0, 1e-3], [np.nan, np.nan]]))
+say(case, SAME_MESH, answer, np.array([0, 1]))
 """
 
 
@@ -42,7 +43,7 @@ def judged(
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.pathsep.join(sys.path)}")
     monkeypatch.setitem(LIMITS, verdict.TRUTH, limit)
     said: list[dict[str, Any]] = []
-    thread = Judging(tmp_path / "a.toml", tmp_path / "a.npz", np.array([0, 1]), said.append)
+    thread = Judging(tmp_path / "a.toml", tmp_path / "a.npz", said.append)
     thread.run()
     return [note for note in said if note["kind"] == "judged"]
 
@@ -76,7 +77,7 @@ def test_a_truth_that_there_is_none_of_is_said_with_its_reason(
 
 
 def test_both_answers_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, last = judged("print('answered truth', flush=True)", tmp_path, monkeypatch)
+    first, last = judged("say(case, TRUTH, answer, np.array([0, 1]))", tmp_path, monkeypatch)
     assert (first["against"], first["more"]) == ("same mesh", True)
     assert (last["against"], last["more"]) == ("truth", False)
 
