@@ -13,7 +13,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference import fenicsx, laws
-from palpate.reference.contact.tool_contact import Unknowns, create_contacts
+from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.laws import (
     deformation_gradient,
@@ -304,8 +304,7 @@ class DiscreteProblem(ElasticBody):
         self.free_displacements = np.setdiff1d(own, self.held.dofs)
         dead, followers = apply_loads(self, problem.loads)
         self.dead_force = self.from_nodal(dead)
-        unknowns = None if dofs is None else Unknowns(self.num_dofs, dofs)
-        self.contacts = create_contacts(problem, space, held.dofs, unknowns)
+        self.contacts = create_contacts(problem, space, held.dofs, dofs, self.num_dofs)
         # Springs follow too, but their tangent is symmetric.
         self.has_followers = bool(followers)
         self._followers = [*followers, *spring_forces(self, problem.springs)]

@@ -343,31 +343,22 @@ def _table(rows: Any, mesh: Any) -> np.ndarray[Any, Any]:
     return np.asarray(getattr(rows, "array", rows)).reshape(num_cells, -1)
 
 
-class _CellExpression:
-    """A compiled UFL expression at fixed points of the reference cell."""
+@_compiles
+def evaluate_in_cells(
+    mesh: Any, expression: Any, reference_points: Points
+) -> Callable[[], np.ndarray[Any, Any]]:
+    """Compile an expression to be evaluated at points of every cell, dolfinx numbering.
 
-    @_compiles
-    def __init__(self, mesh: Any, expression: Any, reference_points: Points) -> None:
-        self._mesh = mesh
-        self._cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-        if _IS_OLD:
-            self._compiled = fem.Expression(expression, reference_points, jit_params=_OPTIONS)
-        else:
-            self._compiled = fem.Expression(expression, reference_points, jit_options=_OPTIONS)
-
-    def __call__(self) -> np.ndarray[Any, Any]:
-        """Values now, shape (num_cells, num_points * value_size)."""
-        values = (
-            self._compiled.eval(self._cells)
-            if _IS_OLD
-            else self._compiled.eval(self._mesh, self._cells)
-        )
-        return np.asarray(values).reshape(len(self._cells), -1)
-
-
-def evaluate_in_cells(mesh: Any, expression: Any, reference_points: Points) -> _CellExpression:
-    """Compile an expression to be evaluated in every cell, dolfinx numbering."""
-    return _CellExpression(mesh, expression, np.ascontiguousarray(reference_points))
+    Returns:
+        What gives its values now, shape (num_cells, num_points * value_size).
+    """
+    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    points = np.ascontiguousarray(reference_points)
+    if _IS_OLD:
+        compiled = fem.Expression(expression, points, jit_params=_OPTIONS)
+        return lambda: np.asarray(compiled.eval(cells)).reshape(len(cells), -1)
+    compiled = fem.Expression(expression, points, jit_options=_OPTIONS)
+    return lambda: np.asarray(compiled.eval(mesh, cells)).reshape(len(cells), -1)
 
 
 def meshtags(

@@ -255,19 +255,6 @@ class HeldNodes:
         return change
 
 
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """Flat vectors that hold more than displacements.
-
-    Attributes:
-        number: Of all that this rank owns.
-        of_displacement: Where displacements stand among them, shape (at least 3 num_blocks,).
-    """
-
-    number: int
-    of_displacement: Indices
-
-
 class ToolContact:
     """One tool against the body.
 
@@ -276,7 +263,8 @@ class ToolContact:
         tool: Shape and path.
         held: Degrees of freedom of the displacement that are held, shape (n,).
         youngs_modulus: Largest of the body [Pa].
-        unknowns: Where pressures are among the unknowns too.
+        numbers: Where displacements stand among all unknowns, see `find_contact_points`.
+        num_dofs: Of all unknowns that this rank owns.
 
     Raises:
         InputError: Contact facets inside the body.
@@ -288,13 +276,13 @@ class ToolContact:
         tool: RigidTool,
         held: Indices,
         youngs_modulus: float,
-        unknowns: Unknowns | None = None,
+        numbers: Indices | None,
+        num_dofs: int,
     ) -> None:
         self.tool = tool
         self.source_points = space.transferred.source.points
-        numbers = None if unknowns is None else unknowns.of_displacement
         self.points = find_contact_points(space, tool.contact_facets, held, numbers)
-        self._num_dofs = 3 * space.num_blocks if unknowns is None else unknowns.number
+        self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches must not press by roundings.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
@@ -544,10 +532,17 @@ class ToolContact:
 
 
 def create_contacts(
-    problem: Problem, space: TransferredSpace, held: Indices, unknowns: Unknowns | None = None
+    problem: Problem,
+    space: TransferredSpace,
+    held: Indices,
+    numbers: Indices | None = None,
+    num_dofs: int | None = None,
 ) -> tuple[ToolContact, ...]:
     """Set every tool of a problem against the body; arguments as `ToolContact` has them."""
     stiffest = max(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )
-    return tuple(ToolContact(space, tool, held, stiffest, unknowns) for tool in problem.tools)
+    num_dofs = 3 * space.num_blocks if num_dofs is None else num_dofs
+    return tuple(
+        ToolContact(space, tool, held, stiffest, numbers, num_dofs) for tool in problem.tools
+    )
