@@ -82,7 +82,7 @@ def audit_displacement(
     errors = _estimate_errors(discrete, u, residual, smallest_det_f, problem.mesh.volume)
     cell_errors = _cell_errors(discrete, lifted)
     if element is Element.SMOOTHED:
-        # The energy of averages has no places: by that of the cells themselves.
+        # The energy of averages is that of no cell: by that of the cells themselves.
         cell_errors *= residual_norm / (np.linalg.norm(cell_errors) or 1.0)
     return Audit(
         degree=degree,

@@ -129,7 +129,7 @@ def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
             progress(line.removeprefix(_PROGRESS).rstrip("\n"))
 
 
-# How a solve may end without an answer; they travel as files too.
+# How a solve may end without a result; they travel as files too.
 _FAILURES = (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError)
 
 
@@ -158,7 +158,7 @@ def run_task(
         ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError: As that function.
         ReferenceUnavailableError: FEniCSx cannot be imported here.
         ReferenceTimeoutError: No answer within the time limit.
-        ReferenceCrashedError: The child died, or left no answer.
+        ReferenceCrashedError: The child died, or left no result.
     """
     require_available()
     if num_ranks() > 1 and not task.needs_one_rank:

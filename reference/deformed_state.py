@@ -1,9 +1,7 @@
-"""Volume, surface area, energy and det F of a deformed body.
+"""Volume, surface area, energy, det F, stresses and support forces of a deformed body.
 
-Stresses of cells and forces of supports: what is known beside the displacement.
-
-Means over a rest cell of the second Piola-Kirchhoff stress S that the virtual work is made of, and
-of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
+Stresses are means over a rest cell of the second Piola-Kirchhoff stress S that the virtual work is
+made of, and of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
 
     sigma = F S F^T / det F,
 
@@ -71,7 +69,7 @@ class DetFSampler:
 
 
 def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[float, Points]:
-    """Smallest principal stretch at the sample points [-], and its place at rest [m], shape (3,).
+    """Smallest principal stretch at the sample points [-], and its rest position [m], shape (3,).
 
     The root of the smallest eigenvalue of F^T F.
     """

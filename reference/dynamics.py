@@ -84,7 +84,7 @@ def simulate_implicit(
     Raises:
         InputError: No time span or step, outputs that are not whole steps apart, a tool inside the
             body at the start, or a load or support that cannot be used.
-        ReferenceStepError: A step had no answer, however short; carries the last good state.
+        ReferenceStepError: A step has no solution, however short; carries the last good state.
 
     Note:
         Tools touch the body at nodes (see `ContactPoints`); one that a force drives has its mass
@@ -142,7 +142,7 @@ def simulate_implicit(
 
 
 def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int) -> State:
-    """One step, or two half ones where it has no answer."""
+    """One step, or two half ones where it has no solution."""
     try:
         return motion.step(state, time, dt)
     except StepLostError as error:

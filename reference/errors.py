@@ -15,7 +15,7 @@ from palpate.meshes.arrays import Floats, Points
 
 
 class ReferenceFailedError(RuntimeError):
-    """The reference gave no answer: nothing can be judged against it.
+    """The reference gave no result: nothing can be judged against it.
 
     >>> import palpate
     >>> issubclass(palpate.ReferenceFailedError, palpate.InputError)
@@ -76,7 +76,7 @@ class ReferenceBlowUpError(ReferenceFailedError):
     """An explicit run left the finite numbers.
 
     Attributes:
-        step: Number of good steps done.
+        step: Number of accepted time steps.
         time: Time of the last good state [s].
         displacement: The last good state [m], shape (num_points, 3).
     """
@@ -92,7 +92,7 @@ class ReferenceBlowUpError(ReferenceFailedError):
 
 
 class ReferenceStepError(ReferenceFailedError):
-    """A time step of implicit dynamics has no answer, however short.
+    """A time step of implicit dynamics has no solution, however short.
 
     Attributes:
         time: Time of the last good state [s].
@@ -113,7 +113,7 @@ class ReferenceStepError(ReferenceFailedError):
 
 
 class ReferenceCrashedError(ReferenceFailedError):
-    """The process of the reference ended without an answer.
+    """The process of the reference ended without a result.
 
     Attributes:
         exit_code: Its exit status; negative for a signal.

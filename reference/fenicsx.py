@@ -261,7 +261,7 @@ def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:
 
 
 def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Floats:
-    """Values of a function at places [m], each in a cell of this rank, shape (n, value_size)."""
+    """Values of a function at positions [m], each in a cell of this rank, shape (n, value_size)."""
     size = function.function_space.dofmap.bs
     if len(places) == 0:
         return np.zeros((0, size))

@@ -1,4 +1,4 @@
-"""Where compiled forms are kept, so that a killed run never spoils the next one.
+"""Where compiled forms are kept, so that a killed run never corrupts the next one.
 
 FFCx marks a form as "being compiled" by a `.c` file and as ready by a `.c.cached` file beside it.
 A run killed in between leaves the first without the second, and every later run waits for it and

@@ -1,10 +1,8 @@
-"""One tangent system at a time: direct when small, multigrid with rigid modes when large.
-
-Many systems that are nearly the same: conjugate gradients by the factors of one of the last.
+"""Linear systems: direct when small, multigrid with rigid modes when large, lagged in motion.
 
 From step to step of a motion the tangent changes little, and by contact in a few nodes only; that
-of a linear body not at all. Then old factors leave few iterations, each of them far cheaper than to
-factor anew.
+of a linear body not at all. Then factors of an earlier one leave conjugate gradients few
+iterations, each of them far cheaper than to factor anew.
 """
 
 from __future__ import annotations

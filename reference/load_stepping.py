@@ -14,7 +14,7 @@ from palpate.reference.newton import Newton, Outcome
 
 # The load at which equilibrium ends is found to this fraction of the full load.
 _SMALLEST_STEP = 1.0 / 1024.0
-# A first step whose linear answer has a larger gradient might jump to another branch.
+# A first step whose linear solution has a larger gradient might jump to another branch.
 _LARGEST_FIRST_GRADIENT = 0.5
 _FEW_ITERATIONS = 6
 _LAST_STRETCH = 1.25
@@ -113,7 +113,7 @@ def follow(
 def _first_step(
     newton: Newton, sampler: DetFSampler, rest: Floats
 ) -> tuple[float, Floats | None, int]:
-    """Choose the first step by the size of the linear answer; that answer is its start."""
+    """Choose the first step by the size of the linear solution; that solution is its start."""
     linear = newton.linearise(rest)
     if linear is None:
         return 1.0, None, 0

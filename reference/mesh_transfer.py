@@ -1,4 +1,4 @@
-"""A TetMesh handed to dolfinx, with the maps that undo dolfinx's renumbering.
+"""A TetMesh given to dolfinx, with the maps that undo dolfinx's renumbering.
 
 dolfinx accepts nearly any array, and hangs or aborts the process on some; so everything it could
 choke on is refused before it sees it.
@@ -126,7 +126,7 @@ class TransferredMesh:
 
 
 def transfer(mesh: TetMesh) -> TransferredMesh:
-    """Hand a mesh to dolfinx and check that it arrived whole.
+    """Give a mesh to dolfinx and check that it arrived whole.
 
     Raises:
         MeshError: Overlapping cells.
@@ -192,7 +192,7 @@ class TransferredSpace:
 
     @property
     def coordinates(self) -> Points:
-        """Rest places of the nodes that this rank owns [m], shape (num_blocks, 3)."""
+        """Rest positions of the nodes that this rank owns [m], shape (num_blocks, 3)."""
         places: Points = self.space.tabulate_dof_coordinates()[: self.num_blocks]
         return places
 

@@ -226,7 +226,7 @@ class MovingBody:
         return self.load(displacement, time) - self.internal(displacement, other)[0]
 
     def at_supports(self, displacement: Floats, time: float) -> Floats:
-        """The displacement with its held components where they are at that time [m]."""
+        """The displacement with its fixed components where they are at that time [m]."""
         moved = displacement.copy()
         moved[self.held] = self._supports.at([factor(time) for factor in self._support_factors])
         return moved

@@ -11,13 +11,11 @@ where the quotient of equal values is its limit, f_ii - f_ik. NumPy alone: what 
 powers of stretches compiles for minutes, and closed forms of eigenvalues have no derivative at
 rest.
 
-Functions of strain by principal values, as coefficients of forms at the quadrature points.
+As coefficients of forms f(E), df/dE and d2f/dE2 are computed in NumPy where a form is integrated,
+and are data of it: what is compiled does not know the law. Coefficients are constants to UFL; their
+part of a derivative is asked for by `changes`:
 
-f(E), df/dE and d2f/dE2 (`principal_laws`) are computed in NumPy where a form is integrated, and are
-data of it: what is compiled does not know the law. Coefficients are constants to UFL; their part of
-a derivative is asked for by `changes`:
-
-    dR = derivative of R by u with df/dE held  +  derivative of R by df/dE along d2f/dE2 : dE(u; du)
+    dR = derivative of R by u with df/dE fixed  +  derivative of R by df/dE along d2f/dE2 : dE(u; du)
 """
 
 from __future__ import annotations

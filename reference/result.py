@@ -200,10 +200,10 @@ class Audit:
             |v|^2 = v . K v with the rest stiffness K [J^(1/2)]. For linear strain it is the
             energy norm of the error itself; for Green strain to first order.
         relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
-        support_gap: Largest distance of a held component from where it is held [m].
+        support_gap: Largest distance of a fixed component from where it is held [m].
         largest_displacement: Of a point of the mesh [m].
         force_imbalance: Size of the sum of external forces and reactions [N].
-        moment_imbalance: Likewise of their moments about the origin, at the deformed places [N m].
+        moment_imbalance: Likewise of their moments about the origin, at deformed positions [N m].
         strain_energy: [J].
         volume: [m3].
         smallest_det_f: [-]; not above 0 where a cell is inverted.
@@ -305,7 +305,7 @@ class SteppedResult:
         strain_energies: [J], likewise.
         integrator: The scheme.
         time_step: [s].
-        num_steps: Steps done.
+        num_steps: Number of time steps.
         newton_iterations: Linear solves in all.
         largest_residual: Of any step, relative as in `simulate_by` [-]; 0 of explicit schemes.
         strain: Strain measure.

@@ -75,7 +75,7 @@ class Patches:
 
     Attributes:
         of_cell: Patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes.
-        volumes: An equal share of each cell's volume for each of its patches [m3], (num_patches,).
+        volumes: An equal part of each cell's volume for each of its patches [m3], (num_patches,).
     """
 
     of_cell: Indices

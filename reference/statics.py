@@ -83,7 +83,7 @@ def solve_static(
         A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
         relative residual of the result says so.
         Tools touch the body at nodes (see `ContactPoints`): what is smaller than a facet slips in
-        between. With friction the answer depends on the way there (see `Friction`).
+        between. With friction the result depends on the way there (see `Friction`).
     """
     found = find_equilibrium(
         problem,

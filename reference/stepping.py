@@ -78,7 +78,7 @@ def simulate_by(
         strain: Strain measure.
         element: SMOOTHED averages strains over edges and nodes; not under mpirun.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
-        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of held components
+        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of fixed components
             it is not read.
         amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
             takes each load's own.

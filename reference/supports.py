@@ -1,7 +1,7 @@
-"""Supports as held degrees of freedom with their prescribed values.
+"""Supports as fixed degrees of freedom with their prescribed values.
 
 A node on slanted planes has axes of its own, the first of which span their normals: its degrees
-of freedom are the components along these. A held component is then a degree of freedom like any
+of freedom are the components along these. A fixed component is then a degree of freedom like any
 other, and nothing is penalised.
 """
 
@@ -77,10 +77,10 @@ class NodeFrames:
 
 
 class HeldDofs:
-    """Which degrees of freedom are held, and where.
+    """Which degrees of freedom are fixed, and where.
 
     Args:
-        coordinates: Rest places of the nodes that this rank owns [m], shape (num_blocks, 3).
+        coordinates: Rest positions of the nodes that this rank owns [m], shape (num_blocks, 3).
         supports: All of them.
         blocks: Nodes of each support.
 
@@ -210,7 +210,7 @@ class _SlantedNode:
 
 
 def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
-    """Turn supports into held degrees of freedom.
+    """Turn supports into fixed degrees of freedom.
 
     A facet holds everything on its closure: of a quadratic space its edges too.
 
@@ -235,7 +235,7 @@ def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
 
 
 def _placed(support: Support, places: Points, factor: float) -> Points:
-    """Where a support holds rest places at a part of its full size: displacements [m], (n, 3)."""
+    """Displacements by a support of rest positions at a part of its full size [m], (n, 3)."""
     displacement = np.asarray(support.displacement, dtype=np.float64)
     moved: Points = np.tile(factor * displacement, (len(places), 1))
     if support.rotation is not None:

@@ -1,7 +1,4 @@
-"""What an adaptive solve found on each of its meshes, and the error bars that follow.
-
-Solve, estimate, refine, and again, until the error bars are small enough.
-"""
+"""Solve, estimate, refine, and again, until the error bars are small enough."""
 
 from __future__ import annotations
 

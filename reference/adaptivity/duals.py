@@ -1,17 +1,10 @@
-"""Where a displacement's gradient is rough: its distance from the nearest continuous one.
+"""Duals of the goals, and how rough gradients are: where the goals' errors come from.
 
-O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Methods Eng. 24 (1987) 337-357, with the L2 projection
-to continuous gradients of degree p - 1, which are as good as the gradient itself where the
-displacement is smooth. Material by material, since gradients do jump where materials meet, and part
-by part, since those of a part's dual jump at its border. It asks nothing of loads, supports or
-tools.
-
-Duals of the goals: what a goal would change by if a force were left over anywhere.
-
-R. Becker, R. Rannacher, Acta Numerica 10 (2001) 1-102: the error of a goal J is the residual of the
-displacement weighted by z, K^T z = J'(u). The L2 norm of the displacement stands for every goal
-that has no derivative of its own, and for forces, whose error goes as the energy's; half the square
-of a norm for the norm itself.
+A dual is what a goal would change by if a force were left over anywhere. R. Becker, R. Rannacher,
+Acta Numerica 10 (2001) 1-102: the error of a goal J is the residual of the displacement weighted by
+z, K^T z = J'(u). The L2 norm of the displacement stands for every goal that has no derivative of
+its own, and for forces, whose error goes as the energy's; half the square of a norm for the norm
+itself.
 
 How far a displacement is off in L2 is not what its norm is off: an error that is orthogonal to it
 leaves that as it is. It is its part along the error, for which the change since the mesh before
@@ -21,6 +14,12 @@ The largest displacement is that of one point, along itself; the largest differe
 a point which nobody knows before, and is looked for on every mesh: where the displacement is
 largest, where it has moved most since the mesh before, and where its gradient is roughest. The
 force of such a dual is on a single point, over which the discrete one is as smooth as its cells.
+
+How rough a gradient is: its distance from the nearest continuous one. O. C. Zienkiewicz, J. Z. Zhu,
+Int. J. Numer. Methods Eng. 24 (1987) 337-357, with the L2 projection to continuous gradients of
+degree p - 1, which are as good as the gradient itself where the displacement is smooth. Material by
+material, since gradients do jump where materials meet, and part by part, since those of a part's
+dual jump at its border. It asks nothing of loads, supports or tools.
 """
 
 from __future__ import annotations
@@ -372,7 +371,7 @@ def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
 def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
     """Dual displacements of relative goals, flat, in the order of the displacement's space [1/N].
 
-    With the tangent that the equilibrium's stability was told by. Under follower loads it is the
+    With the tangent that the equilibrium's stability was judged by. Under follower loads it is the
     last one of Newton's iteration and should be transposed: a weight does not need to be exact.
 
     Args:

@@ -1,10 +1,9 @@
-"""Parts of the body that a goal is about: stress in some cells, force through a support or a cut.
+"""What the truth is asked for, and how far two meshes are apart in it; no FEniCSx.
 
-However fine the mesh that was solved on, stress is told by the means of Cauchy's over the cells of
+A goal may be of a part of the body: stress in some cells, force through a support or a cut.
+However fine the mesh that was solved on, stress is given by the means of Cauchy's over the cells of
 the case's mesh, and a force through a cut by those of the first Piola-Kirchhoff stress P, whose
 nodal forces are V P grad N with the linear shape functions N of the case's points.
-
-What the truth is asked for, and how far two meshes are apart in it; no FEniCSx.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ With lumped mass the multipliers do not know of each other, and each is had in c
 
     p = -g / (n . W n),   correction W n p,   W = dt^2 / (m (1 + lambda dt / 2))
 
-with the gap g and the normal n where the node would have ended, W = 0 along held components. N. J.
+with the gap g and the normal n where the node would have ended, W = 0 along fixed components. N. J.
 Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
 contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
 
@@ -26,7 +26,7 @@ from palpate.reference.contact.tool_contact import find_contact_points
 from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
-# A node with held components leaves the tool along another line than its normal, in some goes.
+# A node with fixed components leaves the tool along another line than its normal, in some goes.
 _MOST_CORRECTIONS = 6
 
 
@@ -36,7 +36,7 @@ class SteppedTools:
     Args:
         problem: With its tools.
         space: Of degree 1.
-        held: Degrees of freedom that are held, shape (n,).
+        held: Degrees of freedom that are fixed, shape (n,).
         mobility: W above, of every degree of freedom [m/N], flat.
 
     Raises:
@@ -158,7 +158,7 @@ class _SteppedTool:
         time: float,
         dt: float,
     ) -> Points:
-        """Friction on nodes that go from places to others in a step [N], shape (n, 3).
+        """Friction on nodes that go from positions to others in a step [N], shape (n, 3).
 
         Args:
             before: Where they come from [m], shape (n, 3).

@@ -1,8 +1,16 @@
-"""How much of a Newton step to take where nodes come to a tool and leave it.
+"""Rigid tools in implicit steps: no node inside a tool at the end of a step.
 
-Full steps go to and fro there.
+The force that keeps it out is one over the whole step, as a multiplier of the constraint
 
-Tools driven by a force in implicit steps: how far along its line is one more unknown of each.
+    g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
+
+at the nodes (`tool_contact`), beside forces and inertia balanced within the step; and so does what
+drags a node along the tool, at most mu t, against its slip over the step. A multiplier may swing
+from step to step; what is reported of a tool is its impulse over the time from output to output.
+Forces are balanced at a time within the step, not in its middle; a step's impulse is taken between
+its own force and the one before, or it would be of another time by a part of the step.
+
+Of a tool that a force drives, how far it is along its line is one more unknown:
 
     m s'' = F(t) + d . R,    the tool at its first pose, s d further on
 
@@ -13,19 +21,6 @@ K its tangent, of which K_c is the tools', a Newton step solves
     | -d K_c   m f + d . K_c d  | |ds| = |what the tool is               |
 
 where f is the factor of the mass in K.
-
-Rigid tools in implicit steps: no node inside a tool at the end of a step.
-
-The force that keeps it out is one over the whole step, as a multiplier of the constraint
-
-    g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
-
-at the nodes (`tool_contact`), beside forces and inertia balanced within the step; and so does what
-drags a node along the tool, at most mu t, against its slip over the step (`friction`). A multiplier
-may swing from step to step; what is told of a tool is its impulse over the time from output to
-output.
-Forces are balanced at a time within the step, not in its middle; a step's impulse is taken between
-its own force and the one before, or it would be of another time by a part of the step.
 """
 
 from __future__ import annotations
@@ -165,7 +160,7 @@ class ImplicitTools:
     Args:
         problem: With its tools.
         space: Displacement space.
-        held: Degrees of freedom that are held, shape (n,).
+        held: Degrees of freedom that are fixed, shape (n,).
         tolerance: Relative residual of a step [-].
 
     Attributes:

@@ -1,15 +1,24 @@
-"""Where contact is looked for: nodes of the body's boundary with their parts of its rest area.
+"""Contact with a rigid tool by the augmented Lagrangian, with Coulomb friction.
 
-The area of a node is the integral of its shape function over the contact facets: a quadrature of
-the facets that is exact to the degree of the displacement and holds no more constraints than the
-surface has nodes (Gauss points on a curved tool do, and lock). Degree 1: the vertices, a third of
-each facet, the discrete problem of linear simulators. Degree 2: the middles of the edges, a third
-of each facet; nothing at the vertices, which follow.
+With the gap g(x) of the deformed position x = X + u from the tool, its normal n = grad g, and a
+multiplier p per rest area at every contact node:
 
-Coulomb friction of the nodes on a tool, by the augmented Lagrangian: stick and slip.
+    t = max(0, p - k g),   virtual work on the body = sum over nodes of area t n . v
 
-With the way s of a node along the tool since the last equilibrium, seen from the tool, the normal
-n, and a multiplier q per rest area:
+an Uzawa step takes p = t at equilibrium, until the forces stay the same; then g >= 0, t >= 0,
+t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
+problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
+Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
+
+Contact is looked for at nodes of the boundary. The area of one is the integral of its shape
+function over the contact facets: a quadrature of the facets that is exact to the degree of the
+displacement and holds no more constraints than the surface has nodes (Gauss points on a curved tool
+do, and lock). Degree 1: the vertices, a third of each facet, the discrete problem of linear
+simulators. Degree 2: the middles of the edges, a third of each facet; nothing at the vertices,
+which follow.
+
+Friction: with the way s of a node along the tool since the last equilibrium, seen from the tool,
+the normal n, and a multiplier q per rest area:
 
     trial = q - k s,   t = trial where |trial| <= mu p, else mu p trial / |trial|
 
@@ -19,19 +28,6 @@ multiplier p, not of the pressure of the iterate, and both are taken over after 
 equilibrium: the tangent stays symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of
 Coulomb frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108
 (1993) 133-146), and what it settles to is Coulomb's law with the pressure itself.
-
-Contact with a rigid tool by the augmented Lagrangian.
-
-With the gap g(x) of the deformed place x = X + u from the tool, its normal n = grad g, and a
-multiplier p per rest area at every contact node:
-
-    t = max(0, p - k g),   virtual work on the body = sum over nodes of area t n . v
-
-an Uzawa step takes p = t at equilibrium, until the forces stay the same; then g >= 0, t >= 0,
-t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
-problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
-Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method. Friction: see
-`friction`.
 """
 
 from __future__ import annotations
@@ -61,7 +57,7 @@ class ContactPoints:
     Attributes:
         nodes: Blocked dofs, of this rank's own, shape (n,).
         dofs: Where their displacements stand in a flat vector of all unknowns, shape (n, 3).
-        rest: Rest places [m], shape (n, 3).
+        rest: Rest positions [m], shape (n, 3).
         areas: Part of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
         facet_size: Root of twice the mean facet area [m].
     """
@@ -88,7 +84,7 @@ def find_contact_points(
     Args:
         space: Displacement space.
         facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
-        held: Degrees of freedom of the displacement that are held, shape (n,).
+        held: Degrees of freedom of the displacement that are fixed, shape (n,).
         numbers: Where displacements stand among all unknowns, shape (at least 3 num_blocks,); None
             where there are no others.
     """
@@ -122,8 +118,8 @@ class Drag:
 
     Attributes:
         traction: On the body by rest area [Pa], shape (n, 3).
-        stiffness: Minus its derivative by the node's place, at this normal and bound [Pa/m], shape
-            (n, 3, 3), symmetric.
+        stiffness: Minus its derivative by the node's position, at this normal and bound [Pa/m],
+            shape (n, 3, 3), symmetric.
         sticks: Whether a pressed node is held by less than the bound, shape (n,).
     """
 
@@ -148,7 +144,7 @@ class Friction:
         self._held_at: Points = np.zeros((count, 3))
 
     def keep(self, local: Points) -> None:
-        """Go on from an equilibrium with the nodes at these places in the tool's frame [m]."""
+        """Go on from an equilibrium with the nodes at these positions in the tool's frame [m]."""
         self._kept, self._held_at = self._multiplier, local
 
     def go_back(self) -> None:
@@ -171,7 +167,7 @@ class Friction:
     def drag(
         self, local: Points, rotation: Floats, normal: Points, pressure: Floats, penalty: float
     ) -> Drag:
-        """Friction at places in the tool's frame.
+        """Friction at positions in the tool's frame.
 
         Args:
             local: [m], shape (n, 3).
@@ -261,7 +257,7 @@ class ToolContact:
     Args:
         space: Displacement space.
         tool: Shape and path.
-        held: Degrees of freedom of the displacement that are held, shape (n,).
+        held: Degrees of freedom of the displacement that are fixed, shape (n,).
         youngs_modulus: Largest of the body [Pa].
         numbers: Where displacements stand among all unknowns, see `find_contact_points`.
         num_dofs: Of all unknowns that this rank owns.

@@ -1,23 +1,18 @@
-"""Signed distance to a rigid tool with its first two derivatives, in closed form.
+"""Signed distance to a rigid tool with its first two derivatives.
 
 Every analytic shape here is a distance to a plane, line or point, less a radius:
 d = |P (x - c)| - r with a projection P that is constant in a region of space. So
-grad d = n = P (x - c) / |P (x - c)| and grad grad d = (P - n n) / |P (x - c)|. Surfaces: see
-`surface_distance`.
+grad d = n = P (x - c) / |P (x - c)| and grad grad d = (P - n n) / |P (x - c)|.
 
-By which face a place came into a box: the one it has to leave by.
-
-The nearest face is the wrong one beside an edge: a node under the bottom, nearer to a side than it
-is deep, would be pushed out of that side. A node enters by the face it was outside of, and of
-several by the one whose plane it crossed last; one that has touched a face keeps to it until it is
-clear of the box.
-
-Signed distance to a closed triangulated surface with its first two derivatives.
-
-The nearest place is on a facet, an edge or a point of the surface; there d = s |P (x - c)| with a
-projection P that is constant (see `tool_distance`). The side s is told by the facet's normal, or by
+Of a closed triangulated surface the nearest point is on a facet, an edge or a point of it; there
+d = s |P (x - c)| likewise. The side s is that of the facet's normal, or of
 the pseudo-normal of the edge or point: facets' normals weighted by their angle there (J. A.
 Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11, 2005).
+
+A node has to leave a box by the face it came in by. The nearest face is the wrong one beside an
+edge: a node under the bottom, nearer to a side than it is deep, would be pushed out of that side. A
+node enters by the face it was outside of, and of several by the one whose plane it crossed last;
+one that has touched a face keeps to it until it is clear of the box.
 """
 
 from __future__ import annotations
@@ -42,7 +37,7 @@ from palpate.meshes.surface_checks import require_closed
 
 @dataclass(frozen=True, eq=False)
 class Distance:
-    """Distance of n places from a tool.
+    """Distance of n positions from a tool.
 
     Attributes:
         gap: Negative inside the tool [m], shape (n,).
@@ -62,7 +57,7 @@ def tool_distance(
     places: Points,
     came_from: Points | None = None,
 ) -> Distance:
-    """Measure places in space from a tool in a pose.
+    """Measure positions in space from a tool in a pose.
 
     Args:
         shape: In the tool's frame.
@@ -140,13 +135,13 @@ _TOUCHING = 1e-6
 def entered_faces(
     local: Points, half_widths: Points, came_from: Points | None
 ) -> tuple[Indices, Points]:
-    """The face by which each place, if it is inside, came in on the straight way.
+    """The face by which each position, if it is inside, came in on the straight way.
 
     Args:
         local: In the box's frame [m], shape (n, 3).
         half_widths: [m], shape (3,).
         came_from: Where each was before, in the frame of then [m], shape (n, 3); without it, and
-            for a place that was inside, the nearest face.
+            for a position that was inside, the nearest face.
 
     Returns:
         Axis of the face's normal, shape (n,), and its side of the box, -1 or 1, shape (n,).
@@ -159,7 +154,7 @@ def entered_faces(
     slack = touching_distance(half_widths)
     beyond, before = np.abs(came_from) - half_widths, _signs(came_from)
     way = np.abs(came_from) - before * local
-    # A place that is still outside by an axis has crossed no plane of it.
+    # A position that is still outside by an axis has crossed no plane of it.
     crossed = (beyond > slack) & (way >= beyond - slack)
     parts = np.where(crossed, beyond / np.where(crossed, way, 1.0), -1.0)
     last, known = np.argmax(parts, axis=1), crossed.any(axis=1)
@@ -169,7 +164,7 @@ def entered_faces(
 def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Points:
     """Where the next way into the box begins [m], shape (n, 3), in its frame.
 
-    A place that is clear of the box is its own. One that touches it, or is inside, counts as
+    A position that is clear of the box is its own. One that touches it, or is inside, counts as
     straight in front of the face by which it came.
 
     Args:
@@ -203,7 +198,7 @@ class HeldFaces:
         self._has_slid: Mask = np.zeros(0, dtype=np.bool_)
 
     def keep(self, local: Points) -> None:
-        """Go on from an equilibrium that has the nodes at these places, shape (n, 3)."""
+        """Go on from an equilibrium that has the nodes at these positions, shape (n, 3)."""
         self._kept = seen_at(local, self._half_widths, self.came_from)
         self.go_back()
 
@@ -213,7 +208,7 @@ class HeldFaces:
         self._has_slid = np.zeros(0 if self._kept is None else len(self._kept), dtype=np.bool_)
 
     def planes(self, local: Points) -> tuple[Mask, Points, Points]:
-        """The planes that nodes are held against, from places [m], shape (n, 3).
+        """The planes that nodes are held against, from positions [m], shape (n, 3).
 
         Returns:
             Whether a node is held against one, shape (n,), its distance from that [m], shape (n,),
@@ -252,7 +247,7 @@ class HeldFaces:
 
 
 def touching_distance(half_widths: Points) -> float:
-    """Nearer than this a place is still at the face, or the edge, that it touches [m]."""
+    """Nearer than this a position is still at the face, or the edge, that it touches [m]."""
     return _TOUCHING * float(half_widths.min())
 
 
@@ -271,7 +266,7 @@ def _in_front_of(axes: Indices, sides: Points, local: Points, half_widths: Point
 _NEXT = np.array([1, 2, 0])
 # Nearer than this to an edge or point, in sizes of the surface, its pseudo-normal is the normal.
 _ON_IT = 1e-10
-# Places by facets that are measured at once.
+# Positions by facets that are measured at once.
 _AT_ONCE = 2_000_000
 
 
@@ -325,7 +320,7 @@ def closed_surface(shape: SurfaceShape) -> ClosedSurface:
 
 
 def surface_distance(surface: ClosedSurface, places: Points) -> tuple[Floats, Points, Floats]:
-    """Distance, normal and curvature at places in the surface's frame; see `Distance`.
+    """Distance, normal and curvature at positions in the surface's frame; see `Distance`.
 
     Args:
         surface: Made ready.
@@ -368,7 +363,7 @@ def _unit(rows: Points) -> Points:
 
 
 def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
-    """The facet that is nearest to each place, and the weights of its corners at the place there.
+    """The facet that is nearest to each position, and the weights of its corners there.
 
     Returns:
         Shape (n,), and (n, 3): exactly 0 for corners that are no part of what is nearest.
@@ -387,7 +382,7 @@ def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
 
 
 def _weights(corners: Points, places: Points) -> Floats:
-    """Weights of the nearest place of each of m triangles to each of n places, shape (n, m, 3)."""
+    """Weights of the point of each of m triangles nearest to each of n positions, (n, m, 3)."""
     a, b, c = (corners[:, k] for k in range(3))
     across = np.cross(b - a, c - a)
     squared = np.sum(across**2, axis=1)

@@ -1,10 +1,9 @@
-"""A tool moved along its path through equilibria, from knot to knot.
+"""A tool moved along its path through equilibria, or pushed against a body by a force.
 
-A tool pushed against a body by a force, in equilibrium: how far it goes along its line.
-
-The tool is put further and further along its line, with the body in equilibrium each time, until
-the body pushes back with the force; the way is then found between the last two by the regula falsi
-with halved ends (M. Dowell, P. Jarratt, BIT 11, 1971: "Illinois").
+Along a path it goes from knot to knot. One that a force drives is put further and further along its
+line, with the body in equilibrium each time, until the body pushes back with the force; the way is
+then found between the last two by the regula falsi with halved ends (M. Dowell, P. Jarratt, BIT 11,
+1971: "Illinois").
 """
 
 from __future__ import annotations
@@ -329,7 +328,7 @@ def press(
         newton: The iteration, of an equilibrium with this contact.
         contact: The tool, where it starts.
         start: Displacement to begin with, flat [m].
-        progress: Called with one line of text for every place.
+        progress: Called with one line of text for every position.
 
     Raises:
         InputError: At the start the body pushes harder than the force.
