@@ -6,6 +6,7 @@ relative to the second one's answer; nothing says which of the two is right.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -80,7 +81,9 @@ def judge_versus(
     asked = _asked(case, limits)
     progress(f"case {case.name}: {case.title}")
     problem, strain = case.problem, case.strain
-    names = _names(candidate, other)
+    names = (candidate.name, other.name)
+    if candidate.name == other.name:
+        names = (f"{candidate.name} (first)", f"{other.name} (second)")
     answers: list[State] = []
     failures: list[str] = []
     notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
@@ -94,9 +97,9 @@ def judge_versus(
             notes.extend(answer.remarks)
             said = dict(answer.says)
             notes.extend([own_words(name, said)] if said else [])
-    more = [] if failures else _others(problem, asked)
+    asked += [] if failures else _others(problem, asked)
     checks = tuple(
-        _check(one, problem, strain, answers, "; ".join(failures), names) for one in (*asked, *more)
+        _check(one, problem, strain, answers, "; ".join(failures), names[1]) for one in asked
     )
     verdict = gravest([check.verdict for check in checks])
     if not failures and all(is_still(problem.mesh, answer) for answer in answers):
@@ -205,13 +208,6 @@ def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
     ]
 
 
-def _names(candidate: Candidate, other: Candidate) -> tuple[str, str]:
-    """What the two are called; numbered where a name does not tell them apart."""
-    if candidate.name != other.name:
-        return candidate.name, other.name
-    return f"{candidate.name} (first)", f"{other.name} (second)"
-
-
 def _answer(
     who: Candidate, problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State | None, str]:
@@ -232,36 +228,39 @@ def _check(
     strain: Strain,
     answers: list[State],
     failure: str,
-    names: tuple[str, str],
+    of: str,
 ) -> CheckResult:
+    """One metric; `of` names the second, whose parts the difference is told in."""
     has_limit = asked.limit < math.inf
-    common = {
-        "metric": asked.metric,
-        "against": VERSUS,
-        "strain": strain,
-        "reason": asked.reason,
-        "limit": asked.limit if has_limit else 0.0,
-    }
+    check = CheckResult(
+        metric=asked.metric,
+        against=VERSUS,
+        strain=strain,
+        verdict=Verdict.FAILED,
+        reason=asked.reason,
+        message=failure,
+        limit=asked.limit if has_limit else 0.0,
+    )
     if failure:
-        return CheckResult(verdict=Verdict.FAILED, message=failure, **common)  # type: ignore[arg-type]
+        return check
     found = _apart(asked, problem, *answers)
     if found is None:
-        why = "it needs both answers on the case's mesh"
         verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
-        return CheckResult(verdict=verdict, message=why, **common)  # type: ignore[arg-type]
+        message = "it needs both answers on the case's mesh"
+        return dataclasses.replace(check, verdict=verdict, message=message)
     bar = found.uncertainty
     verdict = decide(found.value, bar, asked.limit) if has_limit else Verdict.SKIPPED
     sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
     says = f"{found.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
     says += f" {sign} {asked.limit:g}" if has_limit else ""
-    return CheckResult(
+    return dataclasses.replace(
+        check,
         verdict=verdict,
         message=says + (f"; {found.remark}" if found.remark else ""),
         value=found.value if math.isfinite(found.value) else None,
-        scale=found.scale_name.replace("the reference", names[1]),
+        scale=found.scale_name.replace("the reference", of),
         unit=CATALOGUE[asked.metric].unit,
         reference_error=bar,
-        **common,  # type: ignore[arg-type]
     )
 
 
