@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -69,8 +70,28 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
+def palpate_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run `palpate` with some words in this process, from a folder; its exit code and words."""
+    from palpate.validation.cli import main
+
+    def run(*words: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+        capsys.readouterr()
+        with monkeypatch.context() as patch:
+            patch.setattr("sys.argv", ["palpate", *map(str, words)])
+            patch.chdir(folder or Path.cwd())
+            with pytest.raises(SystemExit) as ended:
+                main()
+        said = capsys.readouterr()
+        return subprocess.CompletedProcess(words, int(ended.value.code or 0), said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
 def command_line(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    """Run `palpate` with some words in this process; gives its exit code. See also `capsys`."""
+    """Run `palpate` with some words in this process; its exit code. The words are capsys's."""
     from palpate.validation.cli import main
 
     def run(*words: object) -> int:

@@ -30,21 +30,11 @@ from palpate.validation.studies import STUDIES
 from palpate.validation.versions import extras, version_of
 
 Write = Callable[..., Path]
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def palpate(*arguments: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        cwd=folder,
-        check=False,
-    )
-
-
-def test_cases_lists_what_there_is() -> None:
-    done = palpate("cases")
+def test_cases_lists_what_there_is(palpate_run: Run) -> None:
+    done = palpate_run("cases")
     assert done.returncode == 0
     assert [line.split()[0] for line in done.stdout.splitlines()] == builtin_cases()
 
@@ -55,97 +45,111 @@ def test_cases_lists_what_there_is() -> None:
      ["study", "moon", "-o", "m"], ["mesh", "none.stl", "-o", "m.vtu"],
      ["gate", "beam", "--fault", "x"]],
 )  # fmt: skip
-def test_usage_errors_are_two_with_a_short_message(tmp_path: Path, arguments: list[str]) -> None:
-    done = palpate(*arguments, folder=tmp_path)
+def test_usage_errors_are_two_with_a_short_message(
+    palpate_run: Run, tmp_path: Path, arguments: list[str]
+) -> None:
+    done = palpate_run(*arguments, folder=tmp_path)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert 1 <= len(done.stderr.strip().splitlines()) <= 3
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bad_cases_are_two_and_write_nothing(write_case: Write, tmp_path: Path) -> None:
+def test_bad_cases_are_two_and_write_nothing(
+    palpate_run: Run, write_case: Write, tmp_path: Path
+) -> None:
     path = write_case(("poissons_ratio = 0.3", "poissons_ratio = 0.5"))
     for verb in (["gate", path], ["report", path, "-o", tmp_path / "out"]):
-        done = palpate(*verb, folder=tmp_path)
+        done = palpate_run(*verb, folder=tmp_path)
         assert done.returncode == 2
         assert "poissons_ratio = 0.5" in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["block.toml"]
 
 
-def test_a_case_without_checks_judges_nothing_and_says_so(write_case: Write) -> None:
+def test_a_case_without_checks_judges_nothing_and_says_so(
+    palpate_run: Run, write_case: Write
+) -> None:
     text = write_case().read_text()
     path = write_case((text[text.index("[[check]]") :], ""))
-    done = palpate("gate", path)
+    done = palpate_run("gate", path)
     assert done.returncode == 2
     assert "no [[check]]" in done.stderr
 
 
-def test_a_case_that_collapses_is_a_failed_candidate(write_case: Write, tmp_path: Path) -> None:
+def test_a_case_that_collapses_is_a_failed_candidate(
+    palpate_run: Run, write_case: Write, tmp_path: Path
+) -> None:
     # Compressed far past the limit of Saint-Venant-Kirchhoff (P/E = -0.19245).
     path = write_case(("force = [60.0, 20.0, -10.0]", "force = [-900.0, 20.0, -10.0]"))
-    done = palpate("solve", path, "-o", tmp_path / "u.vtu")
+    done = palpate_run("solve", path, "-o", tmp_path / "u.vtu")
     assert done.returncode == 1
     assert "no equilibrium beyond" in done.stderr
     assert not (tmp_path / "u.vtu").exists()
 
 
-def test_mesh_then_solve(tmp_path: Path, write_case: Write) -> None:
+def test_mesh_then_solve(palpate_run: Run, tmp_path: Path, write_case: Write) -> None:
     write_surface(tmp_path / "k.stl", shape_kidney(edge_length=12e-3))
-    done = palpate("mesh", "k.stl", "-o", "k.vtu", "--unit", "m", folder=tmp_path)
+    done = palpate_run("mesh", "k.stl", "-o", "k.vtu", "--unit", "m", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read_mesh(tmp_path / "k.vtu").num_cells > 500
     path = write_case()
-    done = palpate("solve", path.name, "-o", "u.vtu", "--strain", "linear", folder=tmp_path)
+    done = palpate_run("solve", path.name, "-o", "u.vtu", "--strain", "linear", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     points, _, fields, _ = read_answer(tmp_path / "u.vtu")
     assert fields["displacement"].shape == points.shape
     assert np.abs(fields["displacement"]).max() > 0.01
 
 
-def test_mesh_keeps_to_a_time_and_says_what_decides_the_step(tmp_path: Path) -> None:
+def test_mesh_keeps_to_a_time_and_says_what_decides_the_step(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     write_surface(tmp_path / "k.stl", shape_kidney(edge_length=12e-3))
     command = ("mesh", "k.stl", "-o", "k.vtu", "--unit", "m")
-    late = palpate(*command, "--size", "1e-3", "--uniform", "--time-limit", "0.02", folder=tmp_path)
+    late = palpate_run(
+        *command, "--size", "1e-3", "--uniform", "--time-limit", "0.02", folder=tmp_path
+    )
     assert late.returncode == 2
     assert "within 0.02 s" in late.stderr
     assert not (tmp_path / "k.vtu").exists()
     tissue = ("--material", "1e4", "0.45", "1000")
-    done = palpate(*command, *tissue, "--target-step", "1", folder=tmp_path)
+    done = palpate_run(*command, *tissue, "--target-step", "1", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("  cell ") == 10
     assert "target step 1 s not reached" in done.stdout
     assert "forces at most" in done.stdout
 
 
-def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
+def test_mesh_tells_what_it_finds_and_mends_on_request(palpate_run: Run, tmp_path: Path) -> None:
     kidney = shape_kidney(edge_length=12e-3)
     write_surface(tmp_path / "torn.off", TriSurface(kidney.points, kidney.facets[3:, ::-1]))
     command = ("mesh", "torn.off", "-o", "k.vtu", "--unit", "m")
-    refused = palpate(*command, folder=tmp_path)
+    refused = palpate_run(*command, folder=tmp_path)
     assert refused.returncode == 2
     assert "open" in refused.stderr
-    mended = palpate(*command, "--repair", folder=tmp_path)
+    mended = palpate_run(*command, "--repair", folder=tmp_path)
     assert mended.returncode == 0, mended.stderr
     assert "closed by" in mended.stderr
     assert "turned round" in mended.stderr
     assert read_mesh(tmp_path / "k.vtu").volume == pytest.approx(kidney.volume, rel=1e-3)
-    assert palpate(*command, "--largest-hole", 9, folder=tmp_path).returncode == 2
-    small = palpate(*command, "--repair", "--largest-hole", 2, folder=tmp_path)
+    assert palpate_run(*command, "--largest-hole", 9, folder=tmp_path).returncode == 2
+    small = palpate_run(*command, "--repair", "--largest-hole", 2, folder=tmp_path)
     assert small.returncode == 2
     assert "allow holes of" in small.stderr
-    free = palpate(*command, "--repair", "--free", 1e-3, folder=tmp_path)
+    free = palpate_run(*command, "--repair", "--free", 1e-3, folder=tmp_path)
     assert free.returncode == 0, free.stderr
     assert "re-triangulated within" in free.stdout
-    assert palpate(*command, "--repair", "--free", 0, folder=tmp_path).returncode == 2
+    assert palpate_run(*command, "--repair", "--free", 0, folder=tmp_path).returncode == 2
 
 
-def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(tmp_path: Path) -> None:
+def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     kidney = shape_kidney(edge_length=12e-3)
     is_top = kidney.points[kidney.facets].mean(axis=1)[:, 2] > 0.04
     write_surface(tmp_path / "cut.off", TriSurface(kidney.points, kidney.facets[~is_top]))
     for name, more in (("k.msh", ()), ("free.vtu", ("--free", 2e-3))):
         command = ("mesh", "cut.off", "-o", name, "--unit", "m", "--repair", *more)
-        done = palpate(*command, folder=tmp_path)
+        done = palpate_run(*command, folder=tmp_path)
         assert done.returncode == 0, done.stderr
         assert "cap 1" in done.stderr
         mesh = read_mesh(tmp_path / name)
@@ -163,7 +167,7 @@ def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(tmp_path: Path) -
 
 
 def test_a_surface_that_cuts_itself_is_mended_within_a_distance_that_is_said(
-    tmp_path: Path,
+    palpate_run: Run, tmp_path: Path
 ) -> None:
     kidney = shape_kidney(edge_length=12e-3)
     points = kidney.points.copy()
@@ -173,22 +177,22 @@ def test_a_surface_that_cuts_itself_is_mended_within_a_distance_that_is_said(
     points[[top, other]] = points[[other, top]]
     write_surface(tmp_path / "bad.off", TriSurface(points, kidney.facets))
     command = ("mesh", "bad.off", "-o", "k.vtu", "--unit", "m")
-    near = palpate(*command, "--repair", "--repair-distance", 1e-5, folder=tmp_path)
+    near = palpate_run(*command, "--repair", "--repair-distance", 1e-5, folder=tmp_path)
     assert near.returncode == 2
     assert "intersects itself" in near.stderr
-    done = palpate(*command, "--repair", "--repair-distance", 0.03, folder=tmp_path)
+    done = palpate_run(*command, "--repair", "--repair-distance", 0.03, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "cut each other" in done.stderr
-    wrapped = palpate(*command, "--wrap", 8e-3, folder=tmp_path)
+    wrapped = palpate_run(*command, "--wrap", 8e-3, folder=tmp_path)
     assert wrapped.returncode == 0, wrapped.stderr
     assert "wrapped by" in wrapped.stderr
-    assert palpate(*command, "--wrap", 8e-3, "--repair", folder=tmp_path).returncode == 2
+    assert palpate_run(*command, "--wrap", 8e-3, "--repair", folder=tmp_path).returncode == 2
 
 
-def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
+def test_mesh_graded_towards_a_point(palpate_run: Run, tmp_path: Path) -> None:
     command = ("mesh", "kidney", "-o", "k.vtu", "--size", 12)
     pole = ("--grade-to", 0, 0, 70, "--smallest", 1.5)
-    done = palpate(*command, *pole, folder=tmp_path)
+    done = palpate_run(*command, *pole, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     mesh = read_mesh(tmp_path / "k.vtu", scale=1e-3)
     corners = mesh.points[mesh.cells]
@@ -199,13 +203,13 @@ def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
     assert longest[near].max() < 4e-3 < longest.max()
     nan = ("--grade-to", 0, 0, "nan", "--smallest", 1.5)
     for bad in (pole[:4], nan, (*pole[:4], "--smallest", 0), (*pole, "--growth", -1)):
-        refused = palpate(*command, *bad, folder=tmp_path)
+        refused = palpate_run(*command, *bad, folder=tmp_path)
         assert refused.returncode == 2
         assert "needs" in refused.stderr or "go together" in refused.stderr
 
 
-def test_the_version_is_told() -> None:
-    done = palpate("--version")
+def test_the_version_is_told(palpate_run: Run) -> None:
+    done = palpate_run("--version")
     assert done.returncode == 0
     first, core, python, fenicsx, *extras = done.stdout.splitlines()
     assert first == f"palpate {version_of('palpate')}"
@@ -224,25 +228,25 @@ def test_an_extra_says_what_of_it_is_installed(monkeypatch: pytest.MonkeyPatch) 
     }
 
 
-def test_help_ends_with_the_exit_codes() -> None:
-    text = palpate("--help").stdout
+def test_help_ends_with_the_exit_codes(palpate_run: Run) -> None:
+    text = palpate_run("--help").stdout
     told = [" ".join(line.split()) for line in text[text.index("Exit codes:") :].splitlines()]
     assert told[1 : 1 + len(ExitCode)] == [f"{int(code)} {code.meaning}" for code in ExitCode]
 
 
-def test_a_mistyped_fault_is_told_the_one_that_was_meant() -> None:
-    done = palpate("gate", "block", "--fault", "softr")
+def test_a_mistyped_fault_is_told_the_one_that_was_meant(palpate_run: Run) -> None:
+    done = palpate_run("gate", "block", "--fault", "softr")
     assert done.returncode == 2
     assert "Value error" not in done.stderr
     assert "Did you mean 'softer'?" in done.stderr
 
 
-def test_help_lists_every_study_and_every_fault_with_a_line() -> None:
+def test_help_lists_every_study_and_every_fault_with_a_line(palpate_run: Run) -> None:
     for verb, listed in (
         ("gate", {fault.value: fault.meaning for fault in Fault}),
         ("study", STUDIES),
     ):
-        lines = [" ".join(line.split()) for line in palpate(verb, "--help").stdout.splitlines()]
+        lines = [" ".join(line.split()) for line in palpate_run(verb, "--help").stdout.splitlines()]
         assert listed
         for name, about in listed.items():
             assert f"{name} {about}" in lines
@@ -271,8 +275,8 @@ def test_the_shell_completes_verbs_cases_and_studies(typed: str, wanted: set[str
     assert set(done.stdout.split()) == wanted, done.stderr
 
 
-def test_a_self_test_tries_every_fault_on_the_cases_named() -> None:
-    done = palpate("gate", "column", "--self-test")
+def test_a_self_test_tries_every_fault_on_the_cases_named(palpate_run: Run) -> None:
+    done = palpate_run("gate", "column", "--self-test")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "softer, column: caught" in done.stderr
     assert "healthy, column: passed" in done.stderr
@@ -283,12 +287,12 @@ def test_a_self_test_tries_every_fault_on_the_cases_named() -> None:
         (["--fault", "softer"], "takes no --fault"),
         (["column", "--quick"], "name the cases, or say one of"),
     ):
-        done = palpate("gate", "--self-test", *words)
+        done = palpate_run("gate", "--self-test", *words)
         assert (done.returncode, told in done.stderr) == (2, True), done.stderr
 
 
-def test_a_self_test_needs_the_references_of_its_case(write_case: Write) -> None:
-    done = palpate("gate", write_case(), "--self-test")
+def test_a_self_test_needs_the_references_of_its_case(palpate_run: Run, write_case: Write) -> None:
+    done = palpate_run("gate", write_case(), "--self-test")
     assert done.returncode == 2
     assert "no reference is stored" in done.stderr
 
@@ -317,7 +321,9 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
 
 @pytest.mark.dolfinx
 @pytest.mark.once
-def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_case: Write) -> None:
+def test_report_of_ones_own_surface_from_another_folder(
+    palpate_run: Run, tmp_path: Path, write_case: Write
+) -> None:
     surface = shape_kidney(edge_length=14e-3)
     write_surface(tmp_path / "organ.stl", surface)
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
@@ -329,7 +335,7 @@ def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_ca
     )
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    done = palpate("report", path, "-o", "out", folder=elsewhere)
+    done = palpate_run("report", path, "-o", "out", folder=elsewhere)
     assert done.returncode == 0, done.stdout + done.stderr
     page = (elsewhere / "out" / "report.html").read_text("utf-8")
     assert "passed" in page

@@ -50,6 +50,7 @@ def find_references(
     Raises:
         InputError: Neither is to be had.
     """
+    problem = case.problem  # what is wrong with the case is said before what is wrong with a file
     stored: ReferenceSet | None = None
     trouble: InputError | None = None
     try:
@@ -59,7 +60,7 @@ def find_references(
     if live and availability.is_available():
         if trouble is not None:
             progress(f"left aside: {trouble}")
-        return _solve_here(case, stored, elements, progress)
+        return _solve_here(case, problem, stored, elements, progress)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
@@ -87,7 +88,11 @@ def _load_stored(case: Case) -> ReferenceSet | None:
 
 
 def _solve_here(
-    case: Case, stored: ReferenceSet | None, elements: Collection[Element], progress: Progress
+    case: Case,
+    problem: Problem,
+    stored: ReferenceSet | None,
+    elements: Collection[Element],
+    progress: Progress,
 ) -> ReferenceSet:
     """Solved now; where nothing is stored with what the true surface adds to the bars."""
     from palpate.validation.references.geometry import LIVE_SECONDS, with_geometry
@@ -95,7 +100,7 @@ def _solve_here(
 
     request = truth_request(case)
     found = solve_live(
-        case.problem,
+        problem,
         progress,
         stored=stored,
         wanted={spec.against for spec in case.checks},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -19,18 +19,13 @@ from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.runs import solve_reference, solve_state
 
-
-def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def verdicts(case: str, result: Path, folder: Path) -> set[str]:
+def verdicts(palpate_run: Run, case: str, result: Path, folder: Path) -> set[str]:
     """Of the checks on the same mesh."""
     told = folder / "judged.json"
-    palpate("compare", case, result, "--json", told)
+    palpate_run("compare", case, result, "--json", told)
     checks = json.loads(told.read_text("utf-8"))["cases"][0]["checks"]
     return {c["verdict"] for c in checks if c["against"] == "same_mesh" and c["strain"] == "green"}
 
@@ -45,10 +40,10 @@ def verdicts(case: str, result: Path, folder: Path) -> set[str]:
     ],
 )
 def test_motions_and_tools_are_solved_and_the_file_passes_the_case(
-    tmp_path: Path, case: str, who: str, states: int
+    palpate_run: Run, tmp_path: Path, case: str, who: str, states: int
 ) -> None:
     written = tmp_path / f"{case}.npz"
-    done = palpate("solve", case, "--with", who, "-o", written)
+    done = palpate_run("solve", case, "--with", who, "-o", written)
     assert done.returncode == 0, done.stderr
     span = load_case(case).problem.time
     if span is not None:
@@ -56,14 +51,16 @@ def test_motions_and_tools_are_solved_and_the_file_passes_the_case(
     with np.load(written) as stored:
         moves = stored["displacement"]
     assert moves.reshape(-1, *moves.shape[-2:]).shape[0] == states
-    assert verdicts(case, written, tmp_path) == {"passed"}
+    assert verdicts(palpate_run, case, written, tmp_path) == {"passed"}
 
 
 @pytest.mark.dolfinx
-def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(tmp_path: Path) -> None:
+def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     written, moving = tmp_path / "u.vtu", tmp_path / "u.npz"
     for path in (written, moving):
-        done = palpate("solve", "block-motion", "--with", "reference", "-o", path)
+        done = palpate_run("solve", "block-motion", "--with", "reference", "-o", path)
         assert done.returncode == 0, done.stderr
     found = read_answer(written)[2]["displacement"]
     with np.load(moving) as stored:
@@ -74,11 +71,13 @@ def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(tmp_path: P
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("element", ["linear", "smoothed"])
-def test_either_simulator_writes_the_same_stresses(tmp_path: Path, element: str) -> None:
+def test_either_simulator_writes_the_same_stresses(
+    palpate_run: Run, tmp_path: Path, element: str
+) -> None:
     found = {}
     for who in ("fastsim", "reference"):
         path = tmp_path / f"{who}.vtu"
-        done = palpate("solve", "block", "--with", who, "--element", element, "-o", path)
+        done = palpate_run("solve", "block", "--with", who, "--element", element, "-o", path)
         assert done.returncode == 0, done.stderr
         assert "stresses [Pa] of 90 cells" in done.stdout
         found[who] = meshio.read(path).cell_data
@@ -117,8 +116,10 @@ def test_what_the_reference_cannot_move_is_refused_with_the_way_out() -> None:
         solve_state(problem, Strain.GREEN, 1, lambda _line: None)
 
 
-def test_a_kind_of_file_that_holds_no_solution_is_refused_before_solving(tmp_path: Path) -> None:
-    done = palpate("solve", "kidney", "-o", tmp_path / "u.csv")
+def test_a_kind_of_file_that_holds_no_solution_is_refused_before_solving(
+    palpate_run: Run, tmp_path: Path
+) -> None:
+    done = palpate_run("solve", "kidney", "-o", tmp_path / "u.csv")
     assert done.returncode == 2
     assert ".npz" in done.stderr
     assert "fastsim" not in done.stderr
