@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.material_law import Law
-from palpate.validation.importing.febio_mesh import FebioMesh, read_mesh_sections
+from palpate.validation.importing.febio_mesh import FebioMesh
 from palpate.validation.importing.model import Body, Face, FixedNodes, Model
 from palpate.validation.importing.xml_tree import Element, read_xml
 
@@ -75,7 +75,7 @@ def read_febio(path: Path) -> Model:
         kind = module.attributes.get("type", "solid")
         if kind != "solid":
             raise module.refuse(f'module type="{kind}"; a case is of "solid"')
-    mesh = read_mesh_sections(sections, version)
+    mesh = FebioMesh(sections, version)
     bodies, body_names = _materials(sections)
     model = Model(
         path,

@@ -44,15 +44,18 @@ def read_mujoco(path: Path) -> Model:
     root = read_xml(path)
     if root.tag != "mujoco":
         raise root.refuse(f"<{root.tag}> is no MuJoCo model; that begins with <mujoco>")
-    ignored, worlds, flexes, gravity = [], [], [], (0.0, 0.0, -9.81)
+    ignored: list[str] = []
+    gravity = (0.0, 0.0, -9.81)
+    in_world: list[Element] = []
+    flexes: list[Element] = []
     for section in root:
         if section.tag in _FORCEFUL:
             if section.children or section.tag == "include":
                 raise section.refuse(f"<{section.tag}>: it acts on the body in ways no case knows")
         elif section.tag == "worldbody":
-            worlds.append(section)
+            in_world += section
         elif section.tag == "deformable":
-            flexes += list(section)
+            flexes += section
         elif section.tag == "option":
             gravity = _gravity(section, gravity)
             ignored.append(f"line {section.line} <option>: how MuJoCo steps in time")
@@ -60,41 +63,13 @@ def read_mujoco(path: Path) -> Model:
             ignored.append(f"line {section.line} <{section.tag}>")
         else:
             raise section.refuse(f"<{section.tag}> is not known here")
-    components = [c for world in worlds for c in world if c.tag == "flexcomp"]
-    bodies = [c for world in worlds for c in world if c.tag == "body"]
-    for world in worlds:
-        for child in world:
-            if child.tag not in ("flexcomp", "body", "light", "camera", "site"):
-                raise child.refuse(f"<{child.tag}> beside the flex: it may touch it; take it out")
-    found = [*components, *flexes]
-    if len(found) != 1:
-        raise (found[1] if found else root).refuse(
-            f"{len(found)} flexes; a case has one body of tetrahedra"
-        )
-    (flex,) = found
-    if flex.attributes.get("dim", "2") != "3":
-        raise flex.refuse("a flex that is no solid; a case has one of dim 3")
+    flex, bodies = _only_flex(root, in_world, flexes)
     if flexes:
         points, is_pinned, mass = written_out(flex, bodies)
         cells = _cells(flex, len(points))
-    elif bodies:
-        raise bodies[0].refuse("<body> beside the flexcomp: it may touch or hold it; take it out")
     else:
         points, cells, is_pinned = _flexcomp(flex, path)
         mass = _number(flex, "mass", 1.0)
-    return _model(path, flex, points, cells, is_pinned, mass, gravity, ignored)
-
-
-def _model(
-    path: Path,
-    flex: Element,
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    is_pinned: NDArray[np.bool_],
-    mass: float,
-    gravity: tuple[float, float, float],
-    ignored: list[str],
-) -> Model:
     volumes = signed_volumes(points, cells.astype(np.int32))
     # MuJoCo does not mind which way round a cell is given.
     cells[volumes < 0.0] = cells[volumes < 0.0][:, [0, 2, 1, 3]]
@@ -111,18 +86,38 @@ def _model(
         np.zeros(len(cells), dtype=np.int64),
         np.arange(len(points)),
         acceleration=gravity if any(gravity) else None,
+        notes=["MuJoCo solves motion: the case asks for the state of rest under its loads"],
         ignored=ignored,
     )
     if is_pinned.any():
         still = dict.fromkeys(range(3), 0.0)
         model.holds.append(FixedNodes("pinned", np.flatnonzero(is_pinned), still, flex.source))
-    model.notes.append("MuJoCo solves motion: the case asks for the state of rest under its loads")
     if model.acceleration is not None:
         model.notes.append(
             "a flex spreads its mass evenly over its points, the case by volume over its cells: "
             "the weight is the same in all, not at each point"
         )
     return model
+
+
+def _only_flex(
+    root: Element, in_world: list[Element], flexes: list[Element]
+) -> tuple[Element, list[Element]]:
+    """The one solid flex, and the bodies of the world; nothing else may touch it."""
+    for child in in_world:
+        if child.tag not in ("flexcomp", "body", "light", "camera", "site"):
+            raise child.refuse(f"<{child.tag}> beside the flex: it may touch it; take it out")
+    found = [*(child for child in in_world if child.tag == "flexcomp"), *flexes]
+    bodies = [child for child in in_world if child.tag == "body"]
+    if len(found) != 1:
+        raise (found[1] if found else root).refuse(
+            f"{len(found)} flexes; a case has one body of tetrahedra"
+        )
+    if found[0].attributes.get("dim", "2") != "3":
+        raise found[0].refuse("a flex that is no solid; a case has one of dim 3")
+    if bodies and not flexes:
+        raise bodies[0].refuse("<body> beside the flexcomp: it may touch or hold it; take it out")
+    return found[0], bodies
 
 
 def _constants(flex: Element, ignored: list[str]) -> dict[str, float | str]:

@@ -58,6 +58,10 @@ class Element:
             raise self.refuse(f"<{self.tag}> needs the attribute {name}")
         return self.attributes[name]
 
+    def id(self) -> int:
+        """Its attribute id, a whole number."""
+        return whole(self.require("id"), self.source, f"<{self.tag} id=...>")
+
     def refuse(self, reason: str) -> ImportRefusedError:
         """The error that names its line."""
         return self.source.refuse(reason)

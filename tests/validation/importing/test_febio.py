@@ -189,6 +189,7 @@ def test_two_materials_are_a_body_and_an_inclusion(bring: Bring, bars: ModuleTyp
         ("<E>0.1", "<E>stiff", "'stiff' is no number"),
         ('type="tet4"', 'type="hex20"', "elements of type 'hex20'; a case has tetrahedra"),
         ("SolidDomain", "ShellDomain", "<ShellDomain> in <MeshDomains>"),
+        ('<node id="1">', '<node id="">', "<node id=...>: '' is no whole number"),
         ('mat="Tissue"', 'mat="Bone"', "no material 'Bone' .known: "),
         ("<Loads>", "<Contact><contact/></Contact><Loads>", "<contact> in <Contact>"),
         ("<Loads>", "<Vibrations/><Loads>", "section <Vibrations> is not known"),
