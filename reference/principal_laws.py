@@ -15,7 +15,7 @@ As coefficients of forms f(E), df/dE and d2f/dE2 are computed in NumPy where a f
 and are data of it: what is compiled does not know the law. Coefficients are constants to UFL; their
 part of a derivative is asked for by `changes`:
 
-    dR = derivative of R by u with df/dE fixed  +  derivative of R by df/dE along d2f/dE2 : dE(u; du)
+    dR = derivative of R by u, df/dE fixed  +  derivative of R by df/dE along d2f/dE2 : dE(u; du)
 """
 
 from __future__ import annotations

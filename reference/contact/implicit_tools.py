@@ -139,7 +139,7 @@ class DrivenTool:
             end = (self.mass * of_tool - float(inertia(stopped) @ self.direction)) / whole
             changes.append(stopped + end * carried)
             ends.append(end)
-        self._state = State(here, *ends)
+        self._state = State(here, ends[0], ends[1])
         return changes[0], changes[1]
 
 
