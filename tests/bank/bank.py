@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 FACES = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1), "z0": (2, 0), "z1": (2, 1)}
@@ -64,3 +65,20 @@ def rollers(mesh):
 def confined(mesh):
     """A bar that can only lengthen, from x = 0."""
     return along_normals(mesh, ("x0", "y0", "y1", "z0", "z1"))
+
+
+# Of P waves in it: sqrt((lmbda + 2 mu) / rho) with E = 1, nu = 0.3, rho = 1.
+SPEED = 1.16023870
+
+
+def confined_bar(count, span):
+    """A bar of 1 m that can only lengthen, of so many bricks."""
+    mesh = make_box((count, 1, 1), (1.0, 0.1, 0.1))
+    return Problem(mesh, Material(1.0, 0.3, 1.0), confined(mesh), (), span)
+
+
+def first_mode(points):
+    """Its slowest free motion, 1 mm at the end."""
+    shape = np.zeros_like(points)
+    shape[:, 0] = 1e-3 * np.sin(0.5 * np.pi * points[:, 0])
+    return shape

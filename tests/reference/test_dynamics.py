@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from bank import confined, fixed, support
+from bank import SPEED, confined_bar, first_mode, fixed, support
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.amplitude import TabularAmplitude
@@ -29,22 +29,6 @@ if is_available():
 
 pytestmark = pytest.mark.dolfinx
 
-# Confined: P-wave speed sqrt((lmbda + 2 mu) / rho) with E = 1, nu = 0.3, rho = 1.
-SPEED = 1.16023870
-SIZE = 1e-3
-
-
-def confined_bar(box, count, span):
-    mesh = box((count, 1, 1), (1.0, 0.1, 0.1))
-    supports = confined(mesh)
-    return Problem(mesh, Material(1.0, 0.3, 1.0), supports, (), span)
-
-
-def first_mode(points):
-    shape = np.zeros_like(points)
-    shape[:, 0] = SIZE * np.sin(0.5 * np.pi * points[:, 0])
-    return shape
-
 
 def wave_error(problem, damping=0.0, **options):
     result = simulate_implicit(
@@ -62,20 +46,20 @@ def wave_error(problem, damping=0.0, **options):
     return worst, result
 
 
-def test_the_p_wave_converges_with_second_order_in_time(box):
+def test_the_p_wave_converges_with_second_order_in_time():
     period = 4.0 / SPEED
     errors = []
     for steps in (50, 100):
-        problem = confined_bar(box, 8, TimeSpan(period, period / steps, num_outputs=5))
+        problem = confined_bar(8, TimeSpan(period, period / steps, num_outputs=5))
         errors.append(wave_error(problem)[0])
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
     # The trapezoidal rule takes the period too long by (omega dt)^2 / 12: 2 pi of that in u.
     assert errors[1] < 1.05 * 2.0 * math.pi * (2.0 * math.pi / 100) ** 2 / 12.0
 
 
-def test_consistent_and_lumped_mass_err_to_opposite_sides(box):
+def test_consistent_and_lumped_mass_err_to_opposite_sides():
     period = 4.0 / SPEED
-    problem = confined_bar(box, 8, TimeSpan(period, period / 200, num_outputs=1))
+    problem = confined_bar(8, TimeSpan(period, period / 200, num_outputs=1))
     at_end = {}
     for is_lumped in (False, True):
         _, result = wave_error(problem, degree=1, is_mass_lumped=is_lumped)
@@ -84,10 +68,10 @@ def test_consistent_and_lumped_mass_err_to_opposite_sides(box):
     assert at_end[False] < 0.0 < at_end[True]
 
 
-def test_mass_damping_lets_the_wave_decay(box):
+def test_mass_damping_lets_the_wave_decay():
     damping = 0.5
     period = 4.0 / SPEED
-    problem = confined_bar(box, 8, TimeSpan(period, period / 200, damping, 5))
+    problem = confined_bar(8, TimeSpan(period, period / 200, damping, 5))
     error, result = wave_error(problem, damping)
     assert error < 1e-3
     scale = result.strain_energies[0]
@@ -95,8 +79,8 @@ def test_mass_damping_lets_the_wave_decay(box):
     assert np.abs(result.energy_errors).max() < 1e-10 * scale
 
 
-def test_energy_is_kept_without_numerical_damping_and_only_lost_with_it(box):
-    problem = confined_bar(box, 6, TimeSpan(1.0, 0.05, num_outputs=20))
+def test_energy_is_kept_without_numerical_damping_and_only_lost_with_it():
+    problem = confined_bar(6, TimeSpan(1.0, 0.05, num_outputs=20))
     _, kept = wave_error(problem)
     scale = kept.strain_energies[0]
     assert np.abs(kept.energy_errors).max() < 1e-10 * scale
@@ -201,19 +185,11 @@ def test_a_load_beyond_the_material_is_an_honest_end(box):
 ELEMENTS = pytest.mark.parametrize("element", list(Element))
 
 
-def test_a_wave_decays_by_beta_omega_over_two_and_energy_is_balanced(box):
-    mesh = box((20, 1, 1), (1.0, 0.1, 0.1))
-    supports = confined(mesh)
+def test_a_wave_decays_by_beta_omega_over_two_and_energy_is_balanced():
     omega, xi = 0.5 * math.pi * SPEED, 0.1
     period = 2.0 * math.pi / omega
     span = TimeSpan(period, period / 200, num_outputs=5, stiffness_damping=2.0 * xi / omega)
-    problem = Problem(mesh, Material(1.0, 0.3, 1.0), supports, (), span)
-
-    def first_mode(points):
-        shape = np.zeros_like(points)
-        shape[:, 0] = 1e-3 * np.sin(0.5 * math.pi * points[:, 0])
-        return shape
-
+    problem = confined_bar(20, span)
     result = simulate_implicit(
         problem,
         strain=Strain.LINEAR,
@@ -222,7 +198,7 @@ def test_a_wave_decays_by_beta_omega_over_two_and_energy_is_balanced(box):
         displacement=first_mode,
         spectral_radius=1.0,
     )
-    rest, damped = first_mode(mesh.points), omega * math.sqrt(1.0 - xi**2)
+    rest, damped = first_mode(problem.mesh.points), omega * math.sqrt(1.0 - xi**2)
     for time, u in zip(result.times, result.displacements, strict=True):
         factor = math.exp(-xi * omega * time) * (
             math.cos(damped * time) + xi * omega / damped * math.sin(damped * time)
