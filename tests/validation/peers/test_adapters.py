@@ -1,20 +1,30 @@
-"""Adapters whose tool is installed give fastsim's answer; rest by kinetic damping is right."""
+"""Adapters: installed tools agree with fastsim; nodes, loads, kinetic damping and steps."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.fastsim.statics import solve_static
-from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Traction
+from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
-from palpate.validation.peers.adapters import harness
-from palpate.validation.peers.registry import interpreters, read_peers
+from palpate.validation.exchange.nodal_arrays import rest_arrays
+from palpate.validation.peers.adapters import harness, nodes
+from palpate.validation.peers.registry import read_peers
+from palpate.validation.references.runs import solve_state
+from palpate.validation.states import State, in_silence
 
+MESH = brick_box((3, 2, 2), (0.3, 0.2, 0.2), ragged=0.15)
+END = side(MESH, 0, 0.3)
+PULL = Traction(END, (40.0, 10.0, -20.0))
+BODY = Problem(MESH, Material(2e4, 0.3), (held(side(MESH, 0, 0.0)),), (PULL,))
 # Largest distance from fastsim on the same mesh, over the largest displacement: seven digits in
 # a text file, a residual of 1e-7 or, in single precision and with another law, the law.
 ALLOWED = {
@@ -26,36 +36,42 @@ ALLOWED = {
 }
 
 
+def solved_by(name: str, problem: Problem) -> State:
+    """By a simulator of the registry, where it is installed."""
+    peer = next(peer for peer in read_peers() if peer.name == name)
+    command = peer.command_line()
+    if command is None:
+        pytest.skip(f"{name}: {peer.why_missing()}")
+    return outside_candidate(OutsideSimulator(command, 120.0)).solve(
+        problem, Strain.GREEN, in_silence
+    )
+
+
 @pytest.mark.parametrize("name", ALLOWED)
-def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
+def test_an_adapter_agrees_with_fastsim(problem: Problem, name: str) -> None:
     if name == "newton-semi-implicit":
         # Laws part as strains grow: at a tenth of the load they are nearly one.
         x, y, z = problem.loads[0].traction  # type: ignore[union-attr]
         lighter = Traction(problem.loads[0].facets, (x / 10, y / 10, z / 10))  # type: ignore[union-attr]
         problem = dataclasses.replace(problem, loads=(lighter,))
-    answer = solve_static(problem).displacement
-    command = next(peer for peer in read_peers() if peer.name == name).command_line()
-    if command is None:
-        pytest.skip(f"{name}: its tool is not installed in {interpreters()}")
-    found = outside_candidate(OutsideSimulator(command, 120.0)).solve(
-        problem, Strain.GREEN, lambda _line: None
-    )
-    apart = np.abs(found.displacement - answer).max() / np.abs(answer).max()
+    expected = solve_static(problem).displacement
+    found = solved_by(name, problem)
+    apart = np.abs(found.displacement - expected).max() / np.abs(expected).max()
     assert apart <= ALLOWED[name]
     assert {"tool", "version", "law", "method", "seconds"} <= set(found.says)
 
 
 def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
     # k = m = 1, pulled by 1: rest at x = 1; steps of 0.1 s.
-    place, velocity, force = np.zeros(1), np.zeros(1), 1.0
+    position, velocity, force = np.zeros(1), np.zeros(1), 1.0
 
     def step() -> None:
-        velocity[:] += 0.1 * (force - place)
-        place[:] += 0.1 * velocity
+        velocity[:] += 0.1 * (force - position)
+        position[:] += 0.1 * velocity
 
     count, residual = harness.relax(step, lambda: velocity, 10.0, force, 1e-6, 10_000)
     assert residual <= 1e-6
-    assert place[0] == pytest.approx(1.0, abs=1e-5)
+    assert position[0] == pytest.approx(1.0, abs=1e-5)
     assert count < 2000
 
     def speed_up() -> None:
@@ -100,3 +116,77 @@ def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> N
     step = harness.stable_step(rest, lumped_mass(problem))
     limit = Body(problem.mesh, problem.material).critical_time_step()
     assert 0.1 * limit < step < limit
+
+
+def job_of(*loads: Load) -> dict[str, Any]:
+    problem = dataclasses.replace(BODY, loads=loads)
+    return rest_arrays(problem) | {"load_kinds": [type(load).__name__ for load in loads]}
+
+
+def test_the_nodes_are_the_points_and_the_middles_of_edges() -> None:
+    body = nodes.Quadratic.of(job_of(PULL))
+    assert np.array_equal(body.points[: MESH.num_points], MESH.points)
+    for middle, (a, b) in enumerate(nodes.EDGES, start=4):
+        ends = body.points[body.cells[:, [a, b]]]
+        np.testing.assert_allclose(body.points[body.cells[:, middle]], ends.mean(axis=1))
+    # Eight parts of an eighth each, all the right way round.
+    parts = signed_volumes(body.points, body.parts.astype(np.int32))
+    whole = signed_volumes(MESH.points, MESH.cells)
+    np.testing.assert_allclose(parts.reshape(-1, 8), np.repeat(whole[:, None] / 8, 8, axis=1))
+
+
+def test_middles_are_held_between_held_corners_of_the_boundary_only() -> None:
+    body = nodes.Quadratic.of(job_of(PULL))
+    # All of the held face, and nothing else, at the places of nodes.
+    on_face = np.isclose(body.points[:, 0], 0.0)
+    assert np.array_equal(body.fixed.all(axis=1), on_face)
+    assert np.array_equal(body.fixed.any(axis=1), on_face)
+
+
+@pytest.mark.parametrize(
+    "load", [PULL, BodyForce((3.0, -2.0, 1.0)), PointForce(np.array([5]), np.array([[1.0, 2, 3]]))]
+)
+def test_force_and_moment_of_the_nodes_are_those_of_the_points(load: Load) -> None:
+    job = job_of(load)
+    body = nodes.Quadratic.of(job)
+    given = job["external_force"]
+    np.testing.assert_allclose(body.force.sum(axis=0), given.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.cross(body.points, body.force).sum(axis=0),
+        np.cross(MESH.points, given).sum(axis=0),
+        rtol=1e-9,
+    )
+
+
+def test_loads_are_work_on_quadratic_fields() -> None:
+    """Of u = x^2 e_x: t_x L^2 A on the end face, and b_x times the integral of x^2."""
+
+    def work(load: Load) -> float:
+        body = nodes.Quadratic.of(job_of(load))
+        square = np.zeros_like(body.points)
+        square[:, 0] = body.points[:, 0] ** 2
+        return float((body.force * square).sum())
+
+    assert work(PULL) == pytest.approx(40.0 * 0.3**2 * 0.04, rel=1e-12)
+    assert work(BodyForce((3.0, 0.0, 0.0))) == pytest.approx(3.0 * 0.3**3 / 3 * 0.04, rel=1e-12)
+
+
+def test_loads_that_cannot_be_told_apart_are_refused() -> None:
+    with pytest.raises(ValueError, match="more than one kind"):
+        nodes.Quadratic.of(job_of(PULL, BodyForce((1.0, 0.0, 0.0))))
+    other = Traction(side(MESH, 1, 0.2), (0.0, 7.0, 0.0))
+    with pytest.raises(ValueError, match="not the same everywhere"):
+        nodes.Quadratic.of(job_of(PULL, other))
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("name", [peer.name for peer in read_peers() if peer.is_quadratic])
+def test_a_quadratic_adapter_agrees_with_the_quadratic_reference(name: str) -> None:
+    found = solved_by(name, BODY)
+    truth = solve_state(BODY, Strain.GREEN, 2, in_silence).displacement
+    # Four points of integration, where the reference has more: as far apart as that makes them.
+    apart = np.abs(found.displacement - truth).max() / np.abs(truth).max()
+    assert apart < 5e-3
+    # Linear ones are ten times as far.
+    plain = solve_state(BODY, Strain.GREEN, 1, in_silence).displacement
+    assert np.abs(plain - truth).max() / np.abs(truth).max() > 10.0 * apart

@@ -70,28 +70,19 @@ def test_an_interpreter_that_is_not_there_is_an_input_error(
 
 
 @pytest.mark.usefixtures("other")
-def test_the_delaunay_bench_times_a_rival_of_another_environment() -> None:
-    tools = tuple(tool for tool in delaunay.TOOLS if tool.name in ("palpate", "TetGen (Python)"))
-    said: list[str] = []
-    found = time_all(dataclasses.replace(delaunay.BENCHMARK, tools=tools), (300,), said.append)
-    rows = {row["tool"]: row for row in found}
-    assert set(rows) == {"palpate", "TetGen (Python)"}, said
-    rival = rows["TetGen (Python)"]
-    assert (rival["version"], rival["cells"]) == ("9.9, of the other environment", 7)
-
-
-@pytest.mark.usefixtures("other")
-def test_the_mesh_bench_times_a_rival_of_another_environment(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_rival_of_another_environment_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     ball = shape_sphere(edge_length=0.4)
     monkeypatch.setattr(mesh, "make_surface", lambda _kind, _size: ball)
-    tools = tuple(tool for tool in mesh.TOOLS if tool.name == "TetGen pq1.2Y")
-    said: list[str] = []
-    found = time_all(dataclasses.replace(mesh.BENCHMARK, tools=tools), (2_000,), said.append)
-    (row,) = found or (said,)
-    assert (row["tool"], row["version"]) == ("TetGen pq1.2Y", "9.9, of the other environment")
-    assert row["cells"] == ball.num_facets
+    for bench, name, size, cells in (
+        (delaunay, "TetGen (Python)", 300, 7),
+        (mesh, "TetGen pq1.2Y", 2_000, ball.num_facets),
+    ):
+        tools = tuple(tool for tool in bench.TOOLS if tool.name == name)
+        said: list[str] = []
+        found = time_all(dataclasses.replace(bench.BENCHMARK, tools=tools), (size,), said.append)
+        (row,) = found or (said,)
+        assert (row["tool"], row["version"]) == (name, "9.9, of the other environment")
+        assert row["cells"] == cells
     assert row["boundary_kept"]
 
 
