@@ -303,7 +303,7 @@ def scoreboard(
 ) -> None:
     """Run every simulator that is installed on every case, each under its own law.
 
-    Answers are kept in DIR-runs, by all that they hang on: case, law, adapter, versions, time
+    Results are cached in DIR-runs, by all that they depend on: case, law, adapter, versions, time
     limit. A second call only computes what is missing there.
     PALPATE_BENCH_PYTHON names more interpreters that have simulators, separated like PATH.
     """
