@@ -32,7 +32,7 @@ from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses
 from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN, laws_instead_of_law
-from palpate.validation.metrics.stepping import Slip, Start, Stepper, Update
+from palpate.validation.metrics.stepping import MotionHypothesis, Start, Stepper, Update
 from palpate.validation.states import State
 
 Fields = NDArray[np.float64]
@@ -55,11 +55,11 @@ _VISCOSITIES = {
 }
 _STEPPINGS = {
     "wrong start: the step before the first taken for the first, without half of its "
-    "acceleration": Slip(start=Start.NONE),
-    "wrong start: twice the acceleration at first": Slip(start=Start.DOUBLE),
-    "semi-implicit Euler steps": Slip(update=Update.SEMI_IMPLICIT),
-    "every state stored one step late": Slip(late=-1),
-    "every state stored one step early": Slip(late=1),
+    "acceleration": MotionHypothesis(start=Start.NONE),
+    "wrong start: twice the acceleration at first": MotionHypothesis(start=Start.DOUBLE),
+    "semi-implicit Euler steps": MotionHypothesis(update=Update.SEMI_IMPLICIT),
+    "every state stored one step late": MotionHypothesis(late=-1),
+    "every state stored one step early": MotionHypothesis(late=1),
 }
 # Of a fitted number: how far it is moved to see the change, and how often it is mended.
 _NUDGE = 1e-5
@@ -97,12 +97,12 @@ def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]
         fields: The candidate's displacement at the outputs [m], (num_times, num_points, 3).
     """
     wanted = fields[1 : stepper.num_outputs + 1]
-    stated = _misfit(stepper, Slip(), wanted, None)
+    stated = _misfit(stepper, MotionHypothesis(), wanted, None)
     if stated <= SINGLE:
         return
     found = False
-    for name, cause, slip in _plain_hypotheses(stepper.body, fields):
-        left = _misfit(stepper, slip, wanted, SINGLE)
+    for name, cause, hypothesis in _plain_hypotheses(stepper.body, fields):
+        left = _misfit(stepper, hypothesis, wanted, SINGLE)
         tried = Explanation(name, cause, left, stated, OF_MOTION, 1)
         found = found or tried.fits
         yield tried
@@ -110,13 +110,15 @@ def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]
         yield from _fitted(stepper, wanted, stated)
 
 
-def _misfit(stepper: Stepper, slip: Slip, wanted: Fields, give_up: float | None) -> float:
+def _misfit(
+    stepper: Stepper, hypothesis: MotionHypothesis, wanted: Fields, give_up: float | None
+) -> float:
     """Largest distance over the largest displacement; stops where it is beyond `give_up`."""
     scale = float(np.linalg.norm(wanted, axis=-1).max())
     if scale == 0.0:
         return float("inf")
     left, count = 0.0, 0
-    for count, state in enumerate(stepper.outputs(slip), start=1):
+    for count, state in enumerate(stepper.outputs(hypothesis), start=1):
         left = max(left, float(np.linalg.norm(state - wanted[count - 1], axis=-1).max()) / scale)
         if give_up is not None and left > give_up:
             return left
@@ -125,54 +127,54 @@ def _misfit(stepper: Stepper, slip: Slip, wanted: Fields, give_up: float | None)
     return left if count == len(wanted) else float("inf")
 
 
-def _plain_hypotheses(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]]:
+def _plain_hypotheses(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
     problem, span = body.problem, body.problem.time
     assert span is not None
     asked = span.mass_damping
     pressures = any(isinstance(load, Pressure) for load in problem.loads)
     if asked:
         for name, factor in _DAMPINGS.items():
-            yield name, Cause.TIME, Slip(damping=factor * asked)
+            yield name, Cause.TIME, MotionHypothesis(damping=factor * asked)
     if span.stiffness_damping:
         for name, factor in _VISCOSITIES.items():
-            yield name, Cause.TIME, Slip(viscosity=factor)
+            yield name, Cause.TIME, MotionHypothesis(viscosity=factor)
     yield from _mass_hypotheses(body)
     yield from _load_hypotheses(body)
     for name, law in laws_instead_of_law(body.strain, body.law).items():
-        yield name, Cause.LAW, Slip(law=law)
+        yield name, Cause.LAW, MotionHypothesis(law=law)
         if name == OTHER_STRAIN[body.strain] and pressures:
             # Pressures go with the strain measure, or are as they were asked for.
-            yield name, Cause.LAW, Slip(law=law, is_other_pressure=True)
+            yield name, Cause.LAW, MotionHypothesis(law=law, is_other_pressure=True)
     yield from _material_hypotheses(body)
-    for name, slip in _STEPPINGS.items():
-        yield name, Cause.TIME, slip
+    for name, hypothesis in _STEPPINGS.items():
+        yield name, Cause.TIME, hypothesis
     for pieces in (2, 4, 8, 10):
-        yield f"a time step {pieces} times shorter", Cause.TIME, Slip(pieces=pieces)
+        yield f"a time step {pieces} times shorter", Cause.TIME, MotionHypothesis(pieces=pieces)
     for factor in _FACTORS:
         words = f"time runs {in_words(factor)}".replace("counted twice", "twice as fast")
         words = words.replace("halved", "half as fast")
-        yield words, Cause.TIME, Slip(step_factor=factor)
+        yield words, Cause.TIME, MotionHypothesis(step_factor=factor)
     for number, support in enumerate(problem.supports, start=1):
         if support.normal is not None:
             continue
-        released = np.zeros_like(body.held)
+        released = np.zeros_like(body.fixed)
         released[np.ix_(support.points, np.flatnonzero(support.components))] = True
-        yield f"support {number} is not fixed", Cause.SUPPORT, Slip(released=released)
-    off = body.held & (np.abs(fields - body.prescribed).max(axis=0) > 1e-6 * np.abs(fields).max())
+        yield f"support {number} is not fixed", Cause.SUPPORT, MotionHypothesis(released=released)
+    off = body.fixed & (np.abs(fields - body.prescribed).max(axis=0) > 1e-6 * np.abs(fields).max())
     if off.any():
         count = int(off.any(axis=1).sum())
         name = f"supports are fixed in part: {count} points are not fixed"
-        yield name, Cause.SUPPORT, Slip(released=off)
+        yield name, Cause.SUPPORT, MotionHypothesis(released=off)
     if any(item.amplitude for item in (*problem.loads, *problem.supports)):
-        yield "amplitudes left out", Cause.LOAD, Slip(with_amplitudes=False)
+        yield "amplitudes left out", Cause.LOAD, MotionHypothesis(with_amplitudes=False)
 
 
-def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
     mass = lumped_mass(body.problem)
     for factor in _FACTORS:
-        yield f"density {in_words(factor)}", Cause.MASS, Slip(mass_factor=factor)
+        yield f"density {in_words(factor)}", Cause.MASS, MotionHypothesis(mass_factor=factor)
     equal = np.full_like(mass, mass.mean())
-    yield "another lumping: every point the same mass", Cause.MASS, Slip(mass=equal)
+    yield "another lumping: every point the same mass", Cause.MASS, MotionHypothesis(mass=equal)
     mesh = body.mesh
     if mesh.num_points <= _FULL_MASS:
         cell_mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(body.problem)[:, 2]
@@ -183,7 +185,7 @@ def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
         yield (
             "another lumping: the consistent mass matrix",
             Cause.MASS,
-            Slip(inverse_mass=np.linalg.inv(full)),
+            MotionHypothesis(inverse_mass=np.linalg.inv(full)),
         )
 
 
@@ -196,12 +198,12 @@ def _load_groups(body: Body) -> list[tuple[str, tuple[int, ...]]]:
     return groups if len(loads) < 2 else [*groups, ("every load", tuple(range(len(loads))))]
 
 
-def _loaded(body: Body, indices: tuple[int, ...], factor: float) -> Slip:
+def _loaded(body: Body, indices: tuple[int, ...], factor: float) -> MotionHypothesis:
     numbers = range(len(body.problem.loads))
-    return Slip(load_factors=tuple(factor if k in indices else 1.0 for k in numbers))
+    return MotionHypothesis(load_factors=tuple(factor if k in indices else 1.0 for k in numbers))
 
 
-def _load_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+def _load_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
     loads = body.problem.loads
     for name, indices in _load_groups(body):
         for factor in (0.0, 2.0, -1.0):
@@ -211,15 +213,15 @@ def _load_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
             yield words, Cause.LOAD, _loaded(body, indices, factor)
     if any(isinstance(load, Pressure) for load in loads):
         name = PRESSURE_STAYS if body.follows else PRESSURE_FOLLOWS
-        yield name, Cause.LOAD, Slip(is_other_pressure=True)
+        yield name, Cause.LOAD, MotionHypothesis(is_other_pressure=True)
 
 
-def _material_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+def _material_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
     for name, lame in lame_hypotheses(body.lmbda, body.mu).items():
-        yield name, Cause.MATERIAL, Slip(lame=lame)
+        yield name, Cause.MATERIAL, MotionHypothesis(lame=lame)
     for factor in (1e3, 1e-3):
         name = f"stiffness {in_words(factor)}"
-        yield name, Cause.UNITS, Slip(stiffness_factor=factor)
+        yield name, Cause.UNITS, MotionHypothesis(stiffness_factor=factor)
 
 
 def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explanation]:
@@ -227,15 +229,15 @@ def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explana
     body = stepper.body
     assert body.problem.time is not None
     damping = body.problem.time.mass_damping
-    numbers: list[tuple[str, Cause, Callable[[float], Slip]]] = [
-        ("density", Cause.MASS, lambda c: Slip(mass_factor=c)),
-        ("stiffness", Cause.MATERIAL, lambda c: Slip(stiffness_factor=c)),
-        ("length of the time step", Cause.TIME, lambda c: Slip(step_factor=c)),
+    numbers: list[tuple[str, Cause, Callable[[float], MotionHypothesis]]] = [
+        ("density", Cause.MASS, lambda c: MotionHypothesis(mass_factor=c)),
+        ("stiffness", Cause.MATERIAL, lambda c: MotionHypothesis(stiffness_factor=c)),
+        ("length of the time step", Cause.TIME, lambda c: MotionHypothesis(step_factor=c)),
     ]
     if damping:
-        numbers.append(("damping", Cause.TIME, lambda c: Slip(damping=c * damping)))
+        numbers.append(("damping", Cause.TIME, lambda c: MotionHypothesis(damping=c * damping)))
     if body.problem.time.stiffness_damping:
-        numbers.append(("stiffness damping", Cause.TIME, lambda c: Slip(viscosity=c)))
+        numbers.append(("stiffness damping", Cause.TIME, lambda c: MotionHypothesis(viscosity=c)))
     numbers += [
         (name, Cause.LOAD, partial(_loaded, body, indices)) for name, indices in _load_groups(body)
     ]
@@ -255,7 +257,7 @@ def _few_outputs(stepper: Stepper) -> int:
     return max(2, 200 // stepper.per_output)
 
 
-def _fit(stepper: Stepper, slip_of: Callable[[float], Slip], wanted: Fields) -> float:
+def _fit(stepper: Stepper, slip_of: Callable[[float], MotionHypothesis], wanted: Fields) -> float:
     """The number that brings the motion nearest; 1 where it cannot be found."""
 
     def motion(factor: float) -> Fields | None:

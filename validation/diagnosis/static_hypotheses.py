@@ -298,7 +298,7 @@ def support_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     """Each mistake of the supports, by the equations with that mistake in them."""
     body, displacement = result.body, result.displacement
     largest = float(np.abs(displacement).max())
-    apart = np.where(body.held, np.abs(displacement - body.prescribed), 0.0)
+    apart = np.where(body.fixed, np.abs(displacement - body.prescribed), 0.0)
     tried = []
     for part in _OFF:
         # Components that are off carry no support's force; the others are where they belong.
@@ -308,10 +308,10 @@ def support_hypotheses(result: StaticResult) -> Iterator[Explanation]:
         complexity = 1 if is_plain else 2
         tried.append(result.tried(name, Cause.SUPPORT, complexity, rows=body.free | off, miss=miss))
     if body.prescribed.any():
-        asked = body.prescribed[body.held]
-        factor = float(displacement[body.held] @ asked / (asked @ asked))
+        asked = body.prescribed[body.fixed]
+        factor = float(displacement[body.fixed] @ asked / (asked @ asked))
         factor, is_known = known_factor(factor)
-        left = np.abs(displacement - factor * body.prescribed)[body.held].max(initial=0.0)
+        left = np.abs(displacement - factor * body.prescribed)[body.fixed].max(initial=0.0)
         name, cause = f"prescribed displacement {in_words(factor)}", cause_of(factor, Cause.SUPPORT)
         complexity = 1 if is_known else 2
         tried.append(result.tried(name, cause, complexity, miss=relative_to(float(left), largest)))
@@ -372,7 +372,7 @@ def tool_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     """
     if not result.body.problem.tools or result.apart is None:
         return
-    found = result.tried("tools left out: nothing touches", Cause.TOOL, rows=~result.body.held)
+    found = result.tried("tools left out: nothing touches", Cause.TOOL, rows=~result.body.fixed)
     yield replace(found, stated=result.apart)
 
 

@@ -99,7 +99,7 @@ def _is_stable(tangent: Tangent, smallest_det_f: float) -> bool | None:
     body = tangent.body
     if body.strain is Strain.LINEAR or body.has_followers or not smallest_det_f > 0.0:
         return None
-    right = np.random.default_rng(0).standard_normal(body.held.shape)
+    right = np.random.default_rng(0).standard_normal(body.fixed.shape)
     try:
         tangent.solve(right, _SIGN_TOLERANCE)
     except NotPositiveDefiniteError:
@@ -114,9 +114,10 @@ def _estimate_errors(
     body, mesh = tangent.body, tangent.body.mesh
     if body.strain is Strain.GREEN and not smallest_det_f > 0.0:
         return None, None
-    held = body.to_supports(displacement)
+    to_supports = body.to_supports(displacement)
     try:
-        step = held + tangent.solve(residual - tangent.times(held), _SOLVE_TOLERANCE)
+        right = residual - tangent.times(to_supports)
+        step = to_supports + tangent.solve(right, _SOLVE_TOLERANCE)
     except NotPositiveDefiniteError:
         return None, None
     size = float(np.linalg.norm(displacement + step))
@@ -142,7 +143,7 @@ class NotPositiveDefiniteError(ArithmeticError):
 
 
 class Tangent:
-    """Derivative of internal less external force by the displacement, held components left out.
+    """Derivative of internal less external force by the displacement, fixed components left out.
 
     Args:
         body: Whose forces.
@@ -159,7 +160,7 @@ class Tangent:
         return not self.body.has_followers
 
     def times(self, change: Points) -> Points:
-        """The forces [N] of a change [m], both (num_points, 3), 0 where held; exact to rounding."""
+        """The forces [N] of a change [m], both (num_points, 3), 0 where fixed; exact."""
         body = self.body
         dH = body.gradient(change)
         if body.strain is Strain.LINEAR:
@@ -227,7 +228,7 @@ def solve_scaled(
 
     Args:
         product: A x.
-        right: b, (num_points, 3); as x, 0 where held.
+        right: b, (num_points, 3); as x, 0 where fixed.
         diagonal: Positive, near A's own.
         tolerance: Of the residual over b, both scaled by the diagonal.
         is_symmetric: Whether A is.

@@ -109,8 +109,8 @@ def _integrated(mesh: TetMesh, spring: Spring, kappa: Floats, field: Points) -> 
     areas = facet_areas(mesh.points, spring.facets)
     for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
         pushed = (weight * areas * (kappa @ place))[:, None] * np.einsum("k,mkj->mj", place, field)
-        for corner, share in enumerate(place):
-            np.add.at(force, spring.facets[:, corner], share * pushed)
+        for corner, fraction in enumerate(place):
+            np.add.at(force, spring.facets[:, corner], fraction * pushed)
     return force
 
 
@@ -124,8 +124,8 @@ class Body:
         mu: The second [Pa].
         c01: Of Mooney and Rivlin's law by cell [Pa].
         law: What the material follows under Green strain.
-        held: Components that are held, (num_points, 3).
-        prescribed: Where they are held [m], at full amplitude.
+        fixed: Components that supports fix, (num_points, 3).
+        prescribed: Where they are [m], at full amplitude.
         touchable: Points that a tool may touch, (num_points,).
         free: Components where the sum of forces must vanish, (num_points, 3). Points that a tool
             may touch are left out: what it pushes there is not known; so are those that slide.
@@ -147,7 +147,7 @@ class Body:
             c01 = None if self.is_linear_in_strain else self.c01
             self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu, c01)
         fixed, self.prescribed = fixed_components(problem)
-        self.held: Mask = fixed.astype(bool)
+        self.fixed: Mask = fixed.astype(bool)
         self.slopes = sliding_points(problem)
 
     @cached_property
@@ -156,7 +156,7 @@ class Body:
 
     @cached_property
     def free(self) -> Mask:  # noqa: D102
-        free: Mask = ~self.held & ~self.touchable[:, None]
+        free: Mask = ~self.fixed & ~self.touchable[:, None]
         if self.slopes is not None:
             free[self.slopes.points] = False
         return free
@@ -345,10 +345,10 @@ class Body:
         return self.total(pulled)
 
     def out_of_balance(self, displacement: Points) -> tuple[Points, float]:
-        """What is left of external and internal forces where nothing is held, tools left out.
+        """What is left of external and internal forces where nothing is fixed, tools left out.
 
         Returns:
-            External less internal force at each point, 0 in held components [N], (num_points, 3);
+            External less internal force at each point, 0 in fixed components [N], (num_points, 3);
             the largest internal or external force of a point [N], infinite where one is no
             number, to hold it against.
         """
@@ -358,10 +358,10 @@ class Body:
         return left, float(scale) if np.isfinite(scale) else np.inf
 
     def support_reactions(self, displacement: Points) -> Points:
-        """Total force that each support exerts in its held components [N], (num_supports, 3).
+        """Total force that each support exerts in its fixed components [N], (num_supports, 3).
 
-        The internal force less the dead loads and the springs at the held points: zero elsewhere
-        in equilibrium. Follower pressure on held points is not subtracted.
+        The internal force less the dead loads and the springs at the fixed points: zero elsewhere
+        in equilibrium. Follower pressure on fixed points is not subtracted.
         """
         span = self.problem.time
         force = self.internal(displacement) - dead_force(self.problem)
@@ -369,18 +369,18 @@ class Body:
         return pushes_of_supports(self.problem, force)
 
     def miss(self, displacement: Points) -> float:
-        """How far held components are from where they are held, over the largest displacement."""
+        """How far fixed components are from their supports, over the largest displacement."""
         apart = np.abs(self.to_supports(displacement)).max(initial=0.0)
         return relative_to(float(apart), float(np.abs(displacement).max()))
 
     def freed(self, vectors: Points) -> Points:
-        """Vectors without their held components, (num_points, 3)."""
-        free = np.where(self.held, 0.0, vectors)
+        """Vectors without their fixed components, (num_points, 3)."""
+        free = np.where(self.fixed, 0.0, vectors)
         return free if self.slopes is None else self.slopes.without(free)
 
     def to_supports(self, displacement: Points) -> Points:
-        """How far held components are from where they are held [m], 0 elsewhere."""
-        gap = np.where(self.held, self.prescribed - displacement, 0.0)
+        """How far fixed components are from where supports put them [m], 0 elsewhere."""
+        gap = np.where(self.fixed, self.prescribed - displacement, 0.0)
         if self.slopes is not None:
             slid = self.slopes.places - self.slopes.fixed_part(displacement)
             gap[self.slopes.points] = slid

@@ -46,7 +46,7 @@ class Metric:
         own: Of the candidate alone.
         says: What was found and the limit, of the candidate alone.
         unit: Of the value.
-        asks: Keys of a check that say which number is held against one of the case file, the
+        asks: Keys of a check that say which number is compared with one of the case file, the
             candidate's or the truth's own; empty of what compares two states.
         read: That number; None of a displacement at a point, over time or at the end.
         components: Which `component` such a check may name.
@@ -56,8 +56,8 @@ class Metric:
         is_of_surface: Of a part: of a support or a cut, not of cells.
         is_fitted: To a motion, as good as its samples.
         is_lower_limit: The limit is the least that it may be, not the most.
-        has_moving_truth: The truth of a motion is held to it: points over time, not integrals of
-            the last state.
+        has_moving_truth: The truth of a motion has an error bar of it: points over time, not
+            integrals of the last state.
         has_whole_bar: The truth of every static case has an error bar of it.
         has_limit_at_points: It tends to something under forces on single points, under linear
             strain: an integral, or a number from elsewhere in the body.
@@ -95,12 +95,12 @@ class Metric:
 
     @property
     def is_published(self) -> bool:
-        """Whether it is held against a number of the case file."""
+        """Whether it is compared with a number of the case file."""
         return bool(self.asks)
 
     @property
     def is_of_integrals(self) -> bool:
-        """Whether a quadratic truth tells it by integrals that are kept beside its displacement."""
+        """Whether a quadratic truth has it by integrals stored beside its displacement."""
         return self.of_part is not None or self.bar_of in _OF_INTEGRALS
 
     @property

@@ -65,7 +65,7 @@ class Difference:
         scale_name: For people.
         uncertainty: What the comparison itself may be off by, over the scale [-]: added to the
             reference's error bar. Above 0 where something has to be read between what was
-            given, in space or in time; infinite where the comparison tells nothing.
+            given, in space or in time; infinite where the comparison says nothing.
         remark: Why it is uncertain, for people; "" where that goes without saying.
     """
 

@@ -37,7 +37,7 @@ class Convergence(StrEnum):
 
 @dataclass(frozen=True)
 class GridConvergence:
-    """What three meshes tell about a number.
+    """What three meshes say about a number.
 
     Attributes:
         value: On the finest mesh, in the number's own unit.

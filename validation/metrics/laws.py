@@ -329,8 +329,8 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
     if asked.is_linear_in_strain:
         return others | {f"{law} law": partial(_without_c01, law) for law in _STABLE}
     # Slips in Saint-Venant-Kirchhoff's own formula are none of another law's.
-    kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
-    found = {name: others[name] for name in kept}
+    common = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
+    found = {name: others[name] for name in common}
     for law in Law:
         if not (law in (asked, Law.OGDEN) or law.has_c01):
             found[f"{law} law"] = partial(_without_c01, law)

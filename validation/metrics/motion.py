@@ -42,7 +42,7 @@ _SCALES = {
     "damping": "the reference's frequency",
     "mean": "the reference's amplitude",
 }
-# Two are the limit, where phase and amplitude cannot be told apart.
+# Two are the limit, where phase and amplitude cannot be separated.
 SAMPLES_PER_PERIOD = 2.5
 # States that the quotient is taken over.
 _MOST_STATES = 64
@@ -57,7 +57,7 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
     """One error of the oscillation where and along which the reference swings most.
 
     The candidate's own samples are fitted: those at the reference's times where all were sent,
-    unless all that were sent tell another swing. What either sampling cannot tell is uncertain
+    unless all that were sent show another swing. What either sampling cannot show is uncertain
     without end.
 
     Raises:

@@ -2,7 +2,7 @@
 
 Of a motion they are of its last state. Each is worked out in the same way for a candidate's linear
 or smoothed tetrahedra, an answer on a mesh of its own, and a quadratic truth, whose integrals are
-kept beside its displacement.
+stored beside its displacement.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Number:
 def reaction(problem: Problem, state: State, part: Part, component: str) -> Number:
     """Component of the force that a support exerts on the body [N].
 
-    The sum of the nodal forces of the stress at its held components, less every load there,
+    The sum of the nodal forces of the stress at its fixed components, less every load there,
     pressures on the deformed surface among them; on planes at an angle along their normals. Of a
     quadratic truth the pressure acts on the case's own facets, moved. Where two supports hold the
     same component of a point, its force counts for both.
@@ -83,7 +83,7 @@ def reaction(problem: Problem, state: State, part: Part, component: str) -> Numb
 def tool_force(problem: Problem, state: State, part: Part, component: str) -> Number | None:
     """Component of the force on a tool [N]: at the end of its path, or its last mean over time.
 
-    None where a simulator does not tell the force on each tool.
+    None where a simulator does not report the force on each tool.
     """
     forces = state.tool_forces
     if forces is None or part.tool is None or len(forces) != len(problem.tools):
@@ -106,8 +106,8 @@ def strain_energy(problem: Problem, state: State, _part: Part, _component: str) 
     stored without it.
     """
     if state.integrals is not None:
-        kept = state.integrals.strain_energy
-        return None if kept is None else Number(kept, scale=kept)
+        known = state.integrals.strain_energy
+        return None if known is None else Number(known, scale=known)
     if state.own is None:
         own_energy = body_of(problem, state.strain, state.element).energy(state.displacement)
         return Number(own_energy, scale=own_energy)

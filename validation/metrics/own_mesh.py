@@ -14,7 +14,7 @@ l_a the barycentric coordinates and G_a the recovered gradients. The doubt is tw
 where the field is smooth that is twice what is added, and the reading's error is of higher order;
 at the edge of a support, where the field has a kink, the slope along the edge is none of the two.
 
-Which of its points a candidate held is not known exactly: those between held and free points of
+Which of its points a candidate fixed is not known exactly: those between fixed and free points of
 the case may be either. In equilibrium a free point is in balance and adds nothing, so that all of
 them are summed; in motion they are not, and their forces are the doubt. With inclusions a cell of
 the own mesh has the material of the case's cell that holds its middle.
@@ -45,9 +45,9 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _CHUNK = 1000
 # Of the doubt: at the edge of the kidney's support one is too little, two is not.
 _SAFETY = 2.0
-# Flat patches, one cell thick, do not tell all second derivatives: the smallest ones are taken.
+# Flat patches, one cell thick, do not fix all second derivatives: the smallest ones are taken.
 _RIDGE = 1e-8
-# Fractions of held points below this are rounding.
+# Fractions of fixed points below this are rounding.
 _ROUNDING = 1e-6
 # What to do where the uncertainty leaves a verdict open.
 OWN_MESH_REMEDY = (
@@ -112,7 +112,7 @@ def recovered_gradients(mesh: TetMesh, displacement: Points) -> Array:
     """Gradient at each point of the quadratic nearest to its neighbourhood, (num_points, 3, 3).
 
     Row i holds the derivatives of component i. Exact for quadratic fields where neighbours'
-    neighbours tell them apart.
+    neighbours determine them.
     """
     who, others, weights = _gradient_weights(mesh)
     change = displacement[others] - displacement[who]
@@ -169,9 +169,9 @@ def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
     if not problem.inclusions:
         return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), springs=(), tools=())
     case = problem.mesh
-    held = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
+    cells = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
     inclusions = tuple(
-        Inclusion(np.flatnonzero(np.isin(held, part.cells)).astype(np.int32), part.material)
+        Inclusion(np.flatnonzero(np.isin(cells, part.cells)).astype(np.int32), part.material)
         for part in problem.inclusions
     )
     return dataclasses.replace(
@@ -210,7 +210,7 @@ def own_reactions(
         at_points = factor * load_force(problem.mesh, load, candidate.displacement, strain)
         loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
         if isinstance(load, Pressure):
-            # As `support_reactions` has it: not subtracted where the body is held.
+            # As `support_reactions` has it: not subtracted where the body is fixed.
             at_points = np.where(is_held, 0.0, at_points)
         force -= spread(at_points)
     time = None if problem.time is None else problem.time.end_time
@@ -242,14 +242,14 @@ def own_reactions(
 
 
 def _held_fraction(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
-    """How far each own point is a held one: 1 at held places, 0 where no corner is held."""
+    """How far each own point is a fixed one: 1 at fixed points, 0 where no corner is."""
     is_held = np.zeros((problem.mesh.num_points, 1))
     is_held[points] = 1.0
     return locate_points(problem.mesh, own).read(problem.mesh.cells, is_held)[:, 0]
 
 
 def _with_neighbours(own: TetMesh, is_chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A support may reach one cell farther on a coarser mesh: facets are held whole."""
+    """A support may reach one cell farther on a coarser mesh: facets are fixed whole."""
     reached = is_chosen.copy()
     reached[own.cells[is_chosen[own.cells].any(axis=1)]] = True
     return reached

@@ -1,10 +1,10 @@
-"""The judge's own explicit motion, as stated or with one slip in it: central differences in NumPy.
+"""The judge's own explicit motion, as stated or with one mistake: central differences in NumPy.
 
     (1/dt^2 + d/(2 dt)) a(t + dt) = (F - R(a(t))) / m + 2/dt^2 a(t) - (1/dt^2 - d/(2 dt)) a(t - dt)
 
 from rest, a(-dt) = a(0) + dt^2/2 a''(0); lumped m, D = d M. Stiffness damping b adds to R the
 forces of b C : (E(a(t)) - E(a(t - dt))) / dt. Only the first part of a motion is
-stepped, as far as NumPy goes in a blink; a stored trajectory is held beside it.
+stepped, as far as NumPy goes in a blink, to be compared with a stored trajectory.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Update(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Slip:
+class MotionHypothesis:
     """A motion as the candidate may have understood it; the default is the problem as stated.
 
     Attributes:
@@ -59,7 +59,7 @@ class Slip:
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
         late: Steps that every stored state comes late.
-        released: Held components that are not held.
+        released: Fixed components that are not fixed.
         with_amplitudes: Whether loads and supports follow their amplitudes.
     """
 
@@ -102,87 +102,94 @@ class Stepper:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_mass", lumped_mass(self.body.problem))
 
-    def outputs(self, slip: Slip) -> Iterator[Points]:
+    def outputs(self, hypothesis: MotionHypothesis) -> Iterator[Points]:
         """The state at each output after the first [m], (num_points, 3); ends at a blow-up."""
         body, span = self.body, self.body.problem.time
         assert span is not None
-        dt = self.step * slip.step_factor / slip.pieces
-        held = body.held if slip.released is None else body.held & ~slip.released
-        damping = span.mass_damping if slip.damping is None else slip.damping
+        dt = self.step * hypothesis.step_factor / hypothesis.pieces
+        fixed = body.fixed if hypothesis.released is None else body.fixed & ~hypothesis.released
+        damping = span.mass_damping if hypothesis.damping is None else hypothesis.damping
         size = float(np.ptp(body.mesh.points, axis=0).max())
-        now = self._slid(np.where(held, self._places(0.0, slip), 0.0), 0.0, slip)
-        speed = self._speed_at_start(held)
-        beta = slip.viscosity * span.stiffness_damping / dt
-        acceleration = self._acceleration(now, 0.0, slip, beta, now - dt * speed)
-        match slip.start:
+        now = self._slid(np.where(fixed, self._prescribed(0.0, hypothesis), 0.0), 0.0, hypothesis)
+        speed = self._speed_at_start(fixed)
+        beta = hypothesis.viscosity * span.stiffness_damping / dt
+        acceleration = self._acceleration(now, 0.0, hypothesis, beta, now - dt * speed)
+        match hypothesis.start:
             case Start.RIGHT:
                 before = now - dt * speed + 0.5 * dt**2 * (acceleration - damping * speed)
             case Start.NONE:
                 before = now - dt * speed
             case Start.DOUBLE:
                 before = now - dt * speed + dt**2 * (acceleration - damping * speed)
-        before = np.where(held, now, before)
+        before = np.where(fixed, now, before)
         left, right = 1.0 / dt**2 + damping / (2.0 * dt), 1.0 / dt**2 - damping / (2.0 * dt)
         velocity = speed
-        every = self.per_output * slip.pieces
-        for step in range(1, every * self.num_outputs + 1 + max(-slip.late, 0)):
-            acceleration = self._acceleration(now, (step - 1) * dt, slip, beta, before)
-            if slip.update is Update.CENTRAL:
+        every = self.per_output * hypothesis.pieces
+        for step in range(1, every * self.num_outputs + 1 + max(-hypothesis.late, 0)):
+            acceleration = self._acceleration(now, (step - 1) * dt, hypothesis, beta, before)
+            if hypothesis.update is Update.CENTRAL:
                 after = (acceleration + 2.0 / dt**2 * now - right * before) / left
             else:
                 velocity = velocity + dt * (acceleration - damping * velocity)
                 after = now + dt * velocity
-            after = np.where(held, self._places(step * dt, slip), after)
-            after = self._slid(after, step * dt, slip)
+            after = np.where(fixed, self._prescribed(step * dt, hypothesis), after)
+            after = self._slid(after, step * dt, hypothesis)
             if not np.abs(after).max() < _FAR * size:
                 return
             before, now = now, after
-            stored = step + slip.late
+            stored = step + hypothesis.late
             if stored > 0 and stored % every == 0:
                 yield now
 
     def _acceleration(
-        self, displacement: Points, time: float, slip: Slip, beta: float, before: Points
+        self,
+        displacement: Points,
+        time: float,
+        hypothesis: MotionHypothesis,
+        beta: float,
+        before: Points,
     ) -> Points:
         """External less internal force over the mass [m/s2]; beta over the step [-]."""
         force = self.body.external(
             displacement,
-            time if slip.with_amplitudes else None,
-            factors=slip.load_factors,
-            is_other=slip.is_other_pressure,
+            time if hypothesis.with_amplitudes else None,
+            factors=hypothesis.load_factors,
+            is_other=hypothesis.is_other_pressure,
         )
-        force -= slip.stiffness_factor * self.body.internal(displacement, slip.law, slip.lame)
+        force -= hypothesis.stiffness_factor * self.body.internal(
+            displacement, hypothesis.law, hypothesis.lame
+        )
         if beta:
             force -= beta * self.body.viscous(displacement, before)
-        if slip.inverse_mass is not None:
-            solved: Points = slip.inverse_mass @ force
+        if hypothesis.inverse_mass is not None:
+            solved: Points = hypothesis.inverse_mass @ force
             return solved
-        mass = self._mass if slip.mass is None else slip.mass
-        return force / (slip.mass_factor * mass[:, None])
+        mass = self._mass if hypothesis.mass is None else hypothesis.mass
+        return force / (hypothesis.mass_factor * mass[:, None])
 
-    def _speed_at_start(self, held: Mask) -> Points:
+    def _speed_at_start(self, fixed: Mask) -> Points:
         """What is free of the initial velocity [m/s]."""
         problem = self.body.problem
         if problem.initial_velocity is None:
             return np.zeros_like(self.body.mesh.points)
-        speed = np.where(held, 0.0, problem.initial_velocity.at(self.body.mesh.points))
+        speed = np.where(fixed, 0.0, problem.initial_velocity.at(self.body.mesh.points))
         slopes = self.body.slopes
         return speed if slopes is None else slopes.without(speed)
 
-    def _slid(self, displacement: Points, time: float, slip: Slip) -> Points:
+    def _slid(self, displacement: Points, time: float, hypothesis: MotionHypothesis) -> Points:
         """With the points that slide where their planes are."""
         slopes, problem = self.body.slopes, self.body.problem
         if slopes is None:
             return displacement
-        if slip.with_amplitudes and any(s.amplitude for s in problem.supports):
+        if hypothesis.with_amplitudes and any(s.amplitude for s in problem.supports):
             slopes = sliding_points(problem, time)
             assert slopes is not None
         return slopes.placed(displacement)
 
-    def _places(self, time: float, slip: Slip) -> Points:
-        """Where held components are [m]."""
+    def _prescribed(self, time: float, hypothesis: MotionHypothesis) -> Points:
+        """Where fixed components are [m]."""
         problem = self.body.problem
-        is_moving = slip.with_amplitudes and any(s.amplitude for s in problem.supports)
+        is_moving = hypothesis.with_amplitudes and any(s.amplitude for s in problem.supports)
         return fixed_components(problem, time)[1] if is_moving else self.body.prescribed
 
 

@@ -8,7 +8,7 @@ do not.
 
 Cauchy's stress is turned back into the rest frame by the rotation of its cell, R^T sigma R with
 F = R U (J. Bonet, R. D. Wood, 2nd ed. 2008, sections 3.5 and 5.5), so that a body that was turned
-too far as a whole has the right stress: how far it is turned is what displacements tell. Linear
+too far as a whole has the right stress: how far it is turned is what displacements show. Linear
 strain knows no rotation, and is compared as it is.
 
 The force through a surface is a sum of nodal forces, integral of P grad w over the body with w = 1
@@ -79,7 +79,7 @@ class Part:
 
 
 def tells_stress(state: State) -> bool:
-    """Whether a state's stress is known: a quadratic displacement at the corners does not tell."""
+    """Whether a state's stress is known: a quadratic displacement at corners does not give it."""
     return state.degree == 1 or state.integrals is not None
 
 
@@ -91,10 +91,10 @@ def stress_integrals(
     Args:
         mesh: The case's.
         stresses: Of its cells.
-        strain_energy: Of the whole body [J], kept beside them.
+        strain_energy: Of the whole body [J], stored beside them.
 
     Returns:
-        None where the first Piola-Kirchhoff stress is not told.
+        None where the first Piola-Kirchhoff stress is not known.
     """
     sigma, P = stresses.cauchy, stresses.first_piola_kirchhoff
     if P is None:
@@ -158,7 +158,7 @@ def scale_of_force(problem: Problem, state: State) -> tuple[float, str]:
 def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArray[np.float64]:
     """Force through a support or a cut [N], (3,).
 
-    Of a support what it exerts on the body in its held components, follower pressure on its points
+    Of a support what it exerts on the body in its fixed components, follower pressure on its points
     counted in, as `reaction_force` has it; of a cut what acts on the part in the region from
     outside of the body, which is minus the force that the rest of the body pulls on it with.
     """
@@ -242,16 +242,16 @@ def _read_own(
     )
     if own.sent_stress is not None:
         sigma = own.sent_stress
-    held = _own_cells(problem.mesh, own.mesh)
+    cells = _own_cells(problem.mesh, own.mesh)
     # Two of the four at the corners and two of the four inside, and the others.
     is_first = np.concatenate(
-        [np.repeat([True, True, False, False], len(held) // 8), np.arange(len(held) // 2) % 4 < 2]
+        [np.repeat([True, True, False, False], len(cells) // 8), np.arange(len(cells) // 2) % 4 < 2]
     )
     sign = np.where(is_first, 1.0, -1.0)[:, None, None]
     means, halves = (
         StressIntegrals(
-            mean_over_parents(weights * sigma[held]),
-            _nodal_force(problem.mesh, mean_over_parents(weights * P[held])),
+            mean_over_parents(weights * sigma[cells]),
+            _nodal_force(problem.mesh, mean_over_parents(weights * P[cells])),
         )
         for weights in (np.ones_like(sign), sign)
     )

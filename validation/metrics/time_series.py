@@ -18,18 +18,18 @@ from palpate.meshes.errors import InputError
 from palpate.validation.metrics.difference import are_measurable, largest
 
 Array = NDArray[np.float64]
-# Less than this many periods do not tell frequency from damping.
+# Less than this many periods do not separate frequency from damping.
 FEWEST_PERIODS = 1.5
 _FEWEST_SAMPLES = 12
 _SHIFTS = 12
 _WINDOWS = 8
-# Frequencies on the grid of a first guess; more of them cost more than they tell.
+# Frequencies on the grid of a first guess; more of them cost more than they show.
 _MOST_FREQUENCIES = 1200
 _SLOWEST = 24
 _PEAKS = 5
 # Of each decay rate's grid, frequencies that are fitted one by one.
 _FITTED = 4
-# Cosine and sine are told apart where their Gram determinant is this part of what it would be
+# Cosine and sine are separated where their Gram determinant is this part of what it would be
 # at right angles.
 _TOLD = 1e-8
 
@@ -142,7 +142,7 @@ def fit_uncertainty(
     for shift in np.linspace(0, len(t), _SHIFTS + 1, dtype=int)[1:-1]:
         again = _refine(t, cosine + decay * np.roll(rest / decay, shift), w, g, spread)
         errors.append(oscillation_error(again, fitted, duration))
-    # A quarter at most: less than a period and a half tells nothing.
+    # A quarter at most: less than a period and a half says nothing.
     in_period = min(int(np.count_nonzero(t > duration - 1.0 / fitted.frequency)), len(t) // 4)
     for less in np.unique(np.linspace(1, in_period, _WINDOWS, dtype=int)):
         again = _refine(t[:-less], x[:-less], w, g, spread)
@@ -232,7 +232,7 @@ def _misfit(t: Array, x: Array, w: float, g: float) -> Array:
 def _first_guess(t: Array, x: Array) -> tuple[float, float]:
     """Angular frequency [rad/s] and decay rate [1/s] of the best fit on a grid.
 
-    The grid ends where the samples tell nothing more (Nyquist). Of long series it has the slowest
+    The grid ends where the samples show nothing more (Nyquist). Of long series it has the slowest
     frequencies and those around the peaks of the spectrum.
     """
     span = float(t[-1])
@@ -258,7 +258,7 @@ def _nearest_fits(
     """Which frequencies by number, with which decay rate, leave least of a series: a few of each.
 
     By normal equations of all at once, which lose half of the digits: the few are then fitted one
-    by one. A frequency at which cosine and sine cannot be told apart is always among them.
+    by one. A frequency at which cosine and sine cannot be separated is always among them.
     """
     turns = np.multiply.outer(frequencies, t)
     waves = np.cos(turns), np.sin(turns)

@@ -150,11 +150,11 @@ def describe_rotation(mesh: TetMesh, displacement: Points) -> str:
     """One line: how far the body is turned, and which border of the validity map it leaves."""
     degrees = math.degrees(largest_rotation(mesh, displacement))
     left = [error for error, border in BORDERS.items() if degrees > border]
-    share = f"{1.0 - _LEFT_OUT:.0%} of the volume turned by at most {degrees:.2f} degrees"
+    turned = f"{1.0 - _LEFT_OUT:.0%} of the volume turned by at most {degrees:.2f} degrees"
     if not left:
-        return f"{share}: within the {min(BORDERS):.0%} border of bent bars"
+        return f"{turned}: within the {min(BORDERS):.0%} border of bent bars"
     border = f"{max(left):.0%} border of bent bars ({BORDERS[max(left)]:g} degrees)"
-    return f"{share}: beyond the {border}; see palpate study validity"
+    return f"{turned}: beyond the {border}; see palpate study validity"
 
 
 def unmeasurable_state(state: State) -> str:
@@ -176,7 +176,7 @@ def unmeasurable_state(state: State) -> str:
 def state_out_of_reach(problem: Problem, state: State) -> str:
     """Why a state that was given cannot be one of this body's motion; "" where all can.
 
-    Every state is held against those before and after it, next to it and half an output away.
+    Every state is compared with those before and after it, next to it and half an output away.
     An answer that was interpolated between steps as long as an output is within reach too.
     """
     motion, outputs = state.given, state.trajectory
@@ -299,8 +299,8 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     if problem.time.stiffness_damping:
         force = body_of(problem, Strain.LINEAR).internal(speed)
         viscous = problem.time.stiffness_damping * force / np.sqrt(lumped_mass(problem))[:, None]
-        held = fixed_components(problem)[0] > 0
-        by_start += float(np.linalg.norm(np.where(held, 0.0, viscous)))
+        is_fixed = fixed_components(problem)[0] > 0
+        by_start += float(np.linalg.norm(np.where(is_fixed, 0.0, viscous)))
     return by_start
 
 
@@ -319,7 +319,7 @@ def _seen(
 
 
 def _moved_by(problem: Problem, support: Support) -> Points:
-    """Displacement of the held points for a change of the factor by 1 [m], (num_points, 3)."""
+    """Displacement of the fixed points for a change of the factor by 1 [m], (num_points, 3)."""
     moved = np.zeros_like(problem.mesh.points)
     rate = np.tile(np.array(support.displacement), (len(support.points), 1))
     if support.rotation is not None:

@@ -66,7 +66,7 @@ class TruthRequest:
         return self.bar if metric in wanted else math.inf
 
     def asks_energy(self, strain: Strain) -> bool:
-        """Whether the energy is checked, which is kept beside the stresses."""
+        """Whether the energy is checked, which is stored beside the stresses."""
         return ENERGY in self.metrics.get(strain, ())
 
     def named_parts(self, strain: Strain) -> dict[str, Part]:

@@ -44,7 +44,7 @@ NOISE = 1e-8
 # Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
 # assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
 SAFETY_FACTOR = 3.0
-# P1 and P2 farther apart than this tell nothing of how far P2 is from the limit.
+# P1 and P2 farther apart than this say nothing of how far P2 is from the limit.
 FAR = 0.5
 # Where a file's provenance keeps the parts.
 PARTS = "bar_parts"

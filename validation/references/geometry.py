@@ -118,9 +118,9 @@ def with_geometry(
         case: The case.
         references: Of the case, with a truth and bars.
         progress: Called with one line for each solve.
-        strains: Of the truths that are told of.
-        request: Which parts of the body, and whether the energy, are told of besides.
-        is_for_storing: Nothing is told of what has no bar: a file knows of nothing else.
+        strains: Of the truths whose part is wanted.
+        request: Which parts of the body, and whether the energy, are asked for besides.
+        is_for_storing: Only what has a bar: a file knows of nothing else.
         seconds: That the solves of one strain measure may take [s].
 
     Raises:
@@ -130,9 +130,9 @@ def with_geometry(
     truths = {s: t for s in Strain if s in strains and (t := references.truth(s)) is not None}
     if not of or not truths:
         return references
-    told: dict[str, Any] = {"of": of}
+    record: dict[str, Any] = {"of": of}
     if key := surface_key(case):
-        told["surface"] = key
+        record["surface"] = key
     found: dict[Strain, Found] = {}
     failures: dict[str, str] = {}
     body: TrueBody | None = None
@@ -144,12 +144,12 @@ def with_geometry(
             raise
         failures = {strain.value: str(error) for strain in truths}
     if body is not None:
-        told |= _how(case, body)
+        record |= _how(case, body)
     for strain, truth in truths.items():
         named = {} if request is None else request.named_parts(strain)
         if body is not None:
             end = time.monotonic() + seconds
-            pair = _Pair(case, body, told["degree"], strain, truth, progress, end)
+            pair = _Pair(case, body, record["degree"], strain, truth, progress, end)
             try:
                 is_moving = case.problem.time is not None
                 found[strain] = _of_motion(pair) if is_moving else _of_statics(pair, named)
@@ -160,7 +160,7 @@ def with_geometry(
                 failures[strain.value] = str(error)
         found[strain] = dict.fromkeys((*_metrics(case.problem), *named), math.inf)
     if failures:
-        told["failures"] = failures
+        record["failures"] = failures
     rows: dict[Place, BarParts] = {
         (name, strain): dataclasses.replace(references.bar_parts(name, strain), geometry=apart)
         for strain, numbers in found.items()
@@ -168,7 +168,7 @@ def with_geometry(
         if not is_for_storing or (name, strain) in references.bars
     }
     table = {**dict(references.provenance.get(PARTS, {})), **as_record(rows)}
-    provenance = {**references.provenance, PARTS: table, GEOMETRY: told}
+    provenance = {**references.provenance, PARTS: table, GEOMETRY: record}
     return dataclasses.replace(references, provenance=provenance)
 
 
@@ -304,8 +304,8 @@ def _over_cells(problem: Problem, own: Problem, state: State) -> State:
     if len(sigma) != problem.mesh.num_cells:
         volumes = signed_volumes(own.mesh.points, own.mesh.cells)[:, None, None]
         sigma = mean_over_parents(volumes * sigma) / mean_over_parents(volumes)
-    kept = StressIntegrals(sigma, np.zeros_like(problem.mesh.points))
-    return dataclasses.replace(at_points_of(problem.mesh, state), integrals=kept)
+    integrals = StressIntegrals(sigma, np.zeros_like(problem.mesh.points))
+    return dataclasses.replace(at_points_of(problem.mesh, state), integrals=integrals)
 
 
 def _force(problem: Problem, own: Problem, state: State, part: Part) -> Floats:
@@ -324,13 +324,13 @@ def _ratio(apart: float, scale: float) -> float:
 
 
 def shape_of(references: ReferenceSet) -> str:
-    """What the case's mesh is a polyhedron of, in words; empty where nothing is kept of it."""
-    return str(_told(references).get("of", ""))
+    """What the case's mesh is a polyhedron of, in words; empty where nothing is stored of it."""
+    return str(_record(references).get("of", ""))
 
 
-def _told(references: ReferenceSet) -> Mapping[str, Any]:
-    told = references.provenance.get(GEOMETRY)
-    return told if isinstance(told, dict) else {}
+def _record(references: ReferenceSet) -> Mapping[str, Any]:
+    record = references.provenance.get(GEOMETRY)
+    return record if isinstance(record, dict) else {}
 
 
 def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
@@ -342,7 +342,7 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
     """
     if not any(spec.against == "truth" for spec in case.checks):
         return []
-    of, told, problem = name_of_body(case), _told(references), case.problem
+    of, record, problem = name_of_body(case), _record(references), case.problem
     anew = f"`palpate reference build {case.name if case.is_builtin else case.path.name}`"
     notes = []
     if not of and case.spec.geometry.shape is None:
@@ -350,18 +350,18 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
             "The truth is that of this polyhedron: what its facets leave out of a curved body is "
             "in no bar; [truth] surface or geometry_distance in the case tells it."
         )
-    elif of and "of" not in told and any(references.truth(strain) for strain in Strain):
+    elif of and "of" not in record and any(references.truth(strain) for strain in Strain):
         notes.append(
             f"This truth has no geometry part: what flat facets leave out of {of} is in no bar; "
             f"{anew} works it out."
         )
-    elif of and "of" in told:
-        if (told["of"], told.get("surface", "")) != (of, surface_key(case)):
+    elif of and "of" in record:
+        if (record["of"], record.get("surface", "")) != (of, surface_key(case)):
             notes.append(
-                f"The geometry part of this truth is of {told['of']} as it was when it was built, "
-                f"and the case has {of} now: {anew} makes it anew."
+                f"The geometry part of this truth is of {record['of']} as it was when it was "
+                f"built, and the case has {of} now: {anew} makes it anew."
             )
-        notes += _notes_of_part(case, of, told)
+        notes += _notes_of_part(case, of, record)
     if problem.inclusions:
         notes.append(
             "Inclusions are the cells that the mesh gives them: how far those are from their true "
@@ -370,8 +370,8 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
     return notes
 
 
-def _notes_of_part(case: Case, of: str, told: Mapping[str, Any]) -> list[str]:
-    failures, in_case_units = told.get("failures", {}), case.spec.units.in_case_units
+def _notes_of_part(case: Case, of: str, record: Mapping[str, Any]) -> list[str]:
+    failures, in_case_units = record.get("failures", {}), case.spec.units.in_case_units
     notes = [
         f"What {of} adds ({strain} strain) is not known: there {in_case_units(str(why))}"
         for strain, why in (failures.items() if isinstance(failures, dict) else ())
@@ -382,10 +382,10 @@ def _notes_of_part(case: Case, of: str, told: Mapping[str, Any]) -> list[str]:
             "Tools keep their paths in space: where the true surface is nearer, or farther, they "
             "press deeper or less, and that is in the geometry part."
         )
-    if case.problem.time is not None and told.get("degree") == 1:
+    if case.problem.time is not None and record.get("degree") == 1:
         notes.append(
             "The geometry part of this motion is from two runs of linear tetrahedra with "
-            f"{told.get('steps_per_output')} steps from output to output: up to 15 % short, which "
-            "its factor of safety makes good."
+            f"{record.get('steps_per_output')} steps from output to output: up to 15 % short, "
+            "which its factor of safety makes good."
         )
     return notes

@@ -80,7 +80,7 @@ BULKS = (0.7, 0.5, 0.3)
 GROWTH = 4
 # Of generalised-alpha in the time step; in the mesh less at clamped edges, more inside.
 _ORDER = 2.0
-# Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
+# Relative: seven digits stored, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
 # Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
 _NORMS = ("displacement_l2", "displacement_max", "max_displacement", "trajectory_l2")
@@ -119,7 +119,7 @@ def solve_motion_set(
             may take [s], > 0.
 
     Returns:
-        States, bars, and why one is missing: a run that found no answer leaves the others be.
+        States, bars, and why one is missing: a run that found no solution leaves the others be.
 
     Raises:
         InputError: A tool that the reference cannot move.
@@ -140,20 +140,20 @@ def solve_motion_set(
             name = label.removeprefix(f"{REFERENCE} ")
             origin.append(f"{name} in motion by central differences on the case's mesh")
             for strain in strains:
-                with _failure_kept(failures, (label, strain), is_for_storing):
+                with _failure_recorded(failures, (label, strain), is_for_storing):
                     states[label, strain] = solve_explicit(
                         problem, strain, progress, element=element, time_limit=seconds
                     )
-    held = {} if stored is None else _truths(stored)
-    if "truth" in wanted and held and stored is not None:
+    known = {} if stored is None else _truths(stored)
+    if "truth" in wanted and known and stored is not None:
         origin.append("the truth stored: P2 in motion, implicit")
-        states |= held
+        states |= known
         bars |= stored.bars
     elif "truth" in wanted:
         here = functools.partial(_truth_here, seconds=seconds)
         solve = solve_motion_truth if is_for_storing else here
         for strain in strains if truth_strains is None else truth_strains:
-            with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
+            with _failure_recorded(failures, (QUADRATIC, strain), is_for_storing):
                 truth, made_of, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
                 found = {metric: one.whole for metric, one in made_of.items()}
@@ -178,8 +178,10 @@ def solve_motion_set(
 
 
 @contextmanager
-def _failure_kept(failures: dict[Place, str], place: Place, is_for_storing: bool) -> Iterator[None]:
-    """A run that fails is reported, unless its answer is for storing, or none can succeed here."""
+def _failure_recorded(
+    failures: dict[Place, str], place: Place, is_for_storing: bool
+) -> Iterator[None]:
+    """A run that fails is reported, unless it is for storing, or none can succeed here."""
     try:
         yield
     except ReferenceFailedError as error:
@@ -198,13 +200,13 @@ def _truth_here(
 ) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """Two time steps, and one finer mesh: Roache's rule for two grids of each.
 
-    The coarse run tells what all three take together, cells times steps: where that is more than
+    The coarse run shows what all three take together, cells times steps: where that is more than
     they may, the others are not begun.
 
     In time of second order, which generalised-alpha has: 3 d / (2^2 - 1) = d. In space of first,
     because clamped edges are singular, and from a mesh on which only the cells with a part b of the
     roughness are cut, so that d is that part of what halving all would find: 3 d / b. Where two
-    runs are more than half apart neither tells anything, as in statics (`bars.saturated`): no bar.
+    runs are more than half apart neither says anything, as in statics (`bars.saturated`): no bar.
     """
     begin, (few, more) = time.monotonic(), LIVE_STEPS
 
@@ -321,9 +323,9 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
         apart = gradients[:, None, :] - means[mesh.cells]
         rough += volumes * np.sum(apart**2, axis=(1, 2))
     order = np.argsort(-rough, kind="stable")
-    kept = np.searchsorted(np.cumsum(rough[order]), part * rough.sum()) + 1
+    count = np.searchsorted(np.cumsum(rough[order]), part * rough.sum()) + 1
     marked = np.zeros(mesh.num_cells, dtype=np.bool_)
-    marked[order[:kept]] = True
+    marked[order[:count]] = True
     return marked
 
 
@@ -340,7 +342,7 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
     No faster than of that order is believed: a sequence that shows more has bars as of that.
 
     Of an oscillation, what other modes leak into a fit is hardly another from run to run, so that
-    a sequence may show an order far below what one fit can tell of the swing. Where it shows none
+    a sequence may show an order far below what one fit can show of the swing. Where it shows none
     there, the bar is three times its range (L. Eca, M. Hoekstra, J. Comput. Phys. 262 (2014)
     104-130, of sequences without order).
 

@@ -31,7 +31,7 @@ BOTH = ("same_mesh", "truth")
 OF_ELEMENT = {Element.LINEAR: SAME_MESH, Element.SMOOTHED: SMOOTHED}
 # Numbers that every state carries.
 SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
-# Relative: stresses of a stored truth are kept in single precision.
+# Relative: stresses of a stored truth are stored in single precision.
 _STORED_TO = 2.0**-23
 
 # A label and a strain measure.

@@ -24,7 +24,7 @@ from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.body import body_of, dead_force
 from palpate.validation.metrics.difference import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
-from palpate.validation.metrics.stepping import Slip, Stepper, steps_per_output
+from palpate.validation.metrics.stepping import MotionHypothesis, Stepper, steps_per_output
 from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars
 from palpate.validation.references.bars import NOISE, PARTS, read_row
 from palpate.validation.references.reference_set import (
@@ -43,7 +43,7 @@ _ELEMENTS = {label: element for element, label in OF_ELEMENT.items()}
 # Relative. Sums over some thousand cells in another order leave 1e-13; a volume that is 1e-9 off
 # could not turn a verdict.
 _ROUNDING = 1e-9
-# Relative. A truth of a motion is kept in single precision, 6e-8.
+# Relative. A truth of a motion is stored in single precision, 6e-8.
 _SINGLE = 1e-6
 # The reference solves to this norm of the residual over that of the forces; a largest entry may
 # be the square root of their number above that, and another order of summing takes the rest.
@@ -244,7 +244,7 @@ def _gap_of_slopes(problem: Problem, time: float | None, displacement: Points) -
 
 
 def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
-    """Header numbers against the arrays; of a static P2 state only what the points tell."""
+    """Header numbers against the arrays; of a static P2 state only what the points determine."""
     mesh = problem.mesh
     own = make_state(mesh, state.displacement, label=state.label, simulator="", strain=state.strain)
     follow = state.degree == 1 or state.trajectory is not None
@@ -284,7 +284,7 @@ def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[
     assert problem.time.time_step is not None
     body = body_of(problem, state.strain, state.element)
     stepper = Stepper(body, problem.time.time_step, steps, outputs)
-    own = np.array(list(stepper.outputs(Slip())))
+    own = np.array(list(stepper.outputs(MotionHypothesis())))
     stored = state.trajectory.displacements[1 : outputs + 1]
     scale = float(np.abs(stored).max())
     error = float(np.abs(own - stored).max()) if len(own) == outputs else math.inf
@@ -319,7 +319,7 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
         )
     if state.tool_forces is None:
         return
-    # A point that is held along one axis hands the tool's push there to its support.
+    # A point that is fixed along one axis passes the tool's push there to its support.
     fixed = fixed_components(problem)[0].astype(bool)
     partly = may_touch & fixed.any(axis=1) & ~fixed.all(axis=1)
     whole = ~fixed[partly].any(axis=0)

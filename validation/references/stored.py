@@ -44,7 +44,7 @@ class StaleReferenceError(InputError):
 
 
 class UntrustedReferenceError(StaleReferenceError):
-    """The stored reference is not what was once written, or nobody can tell."""
+    """The stored reference is not what was once written, or nobody can say."""
 
 
 class UnsoundReferenceError(UntrustedReferenceError):

@@ -25,7 +25,7 @@ from palpate.validation.exchange.nodal_arrays import free_part, pushes_of_suppor
 from palpate.validation.metrics.audit import audit_on_own_mesh
 from palpate.validation.metrics.body import Body, spring_force, spring_stiffness_times
 from palpate.validation.metrics.difference import make_state
-from palpate.validation.metrics.stepping import Slip, Stepper
+from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import look_at
 
@@ -165,7 +165,7 @@ def test_a_motion_starts_with_a_velocity_and_needs_no_support(
     assert any(line.startswith("starts") for line in look_at(case).lines)
     ours = simulate(problem, strain=case.strain)
     stepper = Stepper(Body(problem, case.strain), 1e-3, 5, 4)
-    theirs = np.array(list(stepper.outputs(Slip())))
+    theirs = np.array(list(stepper.outputs(MotionHypothesis())))
     assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
     write_case_folder(tmp_path / "out", problem, case.strain, name="free")
     told = json.loads((tmp_path / "out" / "case.json").read_text())
@@ -189,7 +189,9 @@ def test_steps_along_moving_slanted_walls_by_the_words_alone(
     case = load_case(write_case((CLAMP, walls), ("[[load]]", TIME)))
     problem = case.problem
     ours = simulate(problem, strain=case.strain)
-    theirs = np.array(list(Stepper(Body(problem, case.strain), 1e-3, 5, 4).outputs(Slip())))
+    theirs = np.array(
+        list(Stepper(Body(problem, case.strain), 1e-3, 5, 4).outputs(MotionHypothesis()))
+    )
     assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
     # What an outside simulator is given says where the walls are.
     write_case_folder(tmp_path / "out", problem, case.strain, name="slides")

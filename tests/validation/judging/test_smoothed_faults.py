@@ -81,7 +81,7 @@ def solve(problem, slip):
     body = Body(problem, Strain.LINEAR, Element.SMOOTHED)
     body._smoothing.mesh = problem.mesh
     slip(body._smoothing)
-    shape, free = problem.mesh.points.shape, np.flatnonzero(~body.held.ravel())
+    shape, free = problem.mesh.points.shape, np.flatnonzero(~body.fixed.ravel())
     unit = np.eye(problem.mesh.points.size)
     K = np.stack([body.internal(unit[k].reshape(shape)).ravel()[free] for k in free], axis=1)
     u = np.zeros(problem.mesh.points.size)

@@ -81,7 +81,7 @@ def test_under_linear_strain_the_norm_is_the_energy_norm_of_the_error(element: E
     right = palpate.solve(problem, strain="linear", element=element).displacement
     body = Body(problem, Strain.LINEAR, element)
     error = 1e-3 * np.random.default_rng(0).standard_normal(right.shape)
-    error[body.held] = 0.0
+    error[body.fixed] = 0.0
     found = audit_on_own_mesh(problem, right + error, strain=Strain.LINEAR, element=element)
     assert found.residual_norm == pytest.approx(np.sqrt(2.0 * body.energy(error)), rel=1e-6)
     assert np.linalg.norm(found.cell_errors) == pytest.approx(found.residual_norm, rel=1e-6)
@@ -98,7 +98,7 @@ def test_the_tangent_is_the_forces_derivative(strain: Strain, element: Element) 
     step = 1e-4 * np.abs(displacement).max()
     ends = [displacement + sign * step * change for sign in (1.0, -1.0)]
     forces = [body.internal(u) - body.external(u) for u in ends]
-    slope = np.where(body.held, 0.0, (forces[0] - forces[1]) / (2.0 * step))
+    slope = np.where(body.fixed, 0.0, (forces[0] - forces[1]) / (2.0 * step))
     found = Tangent(body, displacement).times(change)
     # Forces are cubic in the displacement: the difference is off by the square of the step.
     assert np.abs(found - slope).max() < 1e-6 * np.abs(slope).max()

@@ -190,8 +190,7 @@ def solve_block(tool: str, size: float, bar: float = BAR) -> Block:
     problem = pressed_block(tool, size)
     goals = {Strain.LINEAR: ("tool_force",)}
     request = TruthRequest(bar, _SECONDS, 8.0, goals, unknowns=_MOST_UNKNOWNS)
-    label = f"{tool} in a block of {size:g} contact radii"
-    found = refine_truth(problem, Strain.LINEAR, request, in_silence, label=label)
+    found = refine_truth(problem, Strain.LINEAR, request, in_silence)
     (felt,) = found.tools
     return Block(
         size,
