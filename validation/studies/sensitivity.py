@@ -37,8 +37,8 @@ from palpate.validation.metrics.grid_convergence import GridConvergence
 from palpate.validation.report.plots import BLUE, GREY, OCHRE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.bodies import Solve, changed
-from palpate.validation.studies.kidney.meshes import (
+from palpate.validation.studies.closed_forms import Solve, changed
+from palpate.validation.studies.kidney import (
     QUANTITIES,
     Response,
     StoredTruth,

@@ -29,7 +29,7 @@ from palpate.validation.references.runs import solve_by_steps, solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
-from palpate.validation.studies.sweep_variants import VaryError
+from palpate.validation.studies.sweep_runs import VaryError
 
 ITERATIONS, TIME_STEP = "iterations", "time_step"
 CLAIM = "more iterations and shorter steps bring it to the law it states"

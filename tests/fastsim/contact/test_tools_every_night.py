@@ -34,7 +34,7 @@ from palpate.meshes.rigid_modes import connected_parts
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.studies.closed_forms import contact_radius
-from palpate.validation.studies.grading.curves import (
+from palpate.validation.studies.grading import (
     RADIUS,
     SPHERE_BODY,
     quarter_cube,

@@ -15,7 +15,7 @@ from palpate.validation.metrics.validity import (
     describe_rotation,
     largest_rotation,
 )
-from palpate.validation.studies.validity.rising import border, follow_bar
+from palpate.validation.studies.validity_loads import border, follow_bar
 
 MESH = brick_box((3, 2, 2), (0.03, 0.02, 0.02))
 

@@ -15,9 +15,15 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.solving import Simulator
-from palpate.validation.studies.sweep_cluster import SchedulerError, _require_workers
-from palpate.validation.studies.sweep_runs import Run, _Chain, run_all
-from palpate.validation.studies.sweep_variants import read_axis, variants
+from palpate.validation.studies.sweep_runs import (
+    Run,
+    SchedulerError,
+    _Chain,
+    _require_workers,
+    read_axis,
+    run_all,
+    variants,
+)
 
 CASE = load_case("block")
 AXES = [read_axis("load[0].factor=0.5,1", CASE)]

@@ -14,7 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.validation.cli import app
 from palpate.validation.states import Verdict
 from palpate.validation.studies.sweep_iterations import Trial, judge, read_moves, remarks_on, table
-from palpate.validation.studies.sweep_variants import VaryError
+from palpate.validation.studies.sweep_runs import VaryError
 
 PROGRAM = Path(palpate.validation.__file__).parent / "peers/adapters/vertex_block_descent.py"
 COMMAND = f"{sys.executable} {PROGRAM} {{case}} {{result}} {{iterations}}"

@@ -3,36 +3,79 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import tomllib
 
 import numpy as np
 import pytest
+from calibration_recipe.bars import column_problem, motion_problem
+from calibration_recipe.drawn import TABLE, draw_problems
+from calibration_recipe.layers import layer_problem
+from calibration_recipe.plane import Plane, PlaneLoads
+from calibration_recipe.plane_grid import Section
+from calibration_recipe.smooth import smooth_problem
+from calibration_recipe.store import write_store
 
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
+from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.states import Verdict, in_silence
-from palpate.validation.studies.calibration import LOG, Found, judge, present
-from palpate.validation.studies.calibration.bars import column_problem, motion_problem
-from palpate.validation.studies.calibration.drawn import TABLE, draw_problems
-from palpate.validation.studies.calibration.layers import layer_problem
-from palpate.validation.studies.calibration.measured import (
+from palpate.validation.studies.calibration import (
+    LOG,
     STORED,
     WAYS,
+    Found,
+    Known,
     Number,
-    file_of,
-    hold,
-    hold_all,
+    cache_file,
+    compare,
+    compare_all,
+    judge,
+    known_problems,
+    present,
     summarise,
 )
-from palpate.validation.studies.calibration.plane import Plane, PlaneLoads
-from palpate.validation.studies.calibration.plane_grid import Section
-from palpate.validation.studies.calibration.smooth import smooth_problem
 from palpate.validation.studies.closed_forms import confined_modulus
-from palpate.validation.studies.kept import load_rows, save_rows
 
 # One of each family, of the open half, for every change; the nightly script runs all.
 QUICK = ("smooth-12", "layer-02", "column-05", "clamped-02", "slender-06", "motion-08")
+
+
+def require_same(one: Known, other: Known, rtol: float) -> None:
+    assert (one.name, one.family, one.is_apart, one.strain) == (
+        other.name, other.family, other.is_apart, other.strain
+    )  # fmt: skip
+    assert one.given == other.given
+    ours, theirs = (problem_arrays(known.problem) for known in (one, other))
+    assert ours.keys() == theirs.keys()
+    for key, values in ours.items():
+        if values.dtype.kind == "f":
+            np.testing.assert_allclose(values, theirs[key], rtol=1e-12, atol=1e-13)
+        elif key != "header":
+            np.testing.assert_array_equal(values, theirs[key])
+    if one.solution is None or other.solution is None:
+        assert one.solution is other.solution
+        return
+    size = one.solution.max_displacement
+    u, v = one.solution.displacement, other.solution.displacement
+    np.testing.assert_allclose(u, v, rtol=0.0, atol=rtol * size)
+    assert one.solution.volume == pytest.approx(other.solution.volume, rel=rtol)
+    assert one.solution.surface_area == pytest.approx(other.solution.surface_area, rel=rtol)
+    assert one.doubts == pytest.approx(other.doubts, rel=0.1, abs=1e-7)
+
+
+@pytest.mark.parametrize("names", [
+    pytest.param(("smooth-12", "layer-02", "column-05", "slender-06"), id="quick"),
+    pytest.param((), id="all", marks=pytest.mark.nightly),
+])  # fmt: skip
+def test_the_store_is_what_the_recipe_makes(names, tmp_path) -> None:
+    drawn = [one for one in draw_problems() if not names or one.name in names]
+    write_store(tmp_path / "made.tar.xz", drawn)
+    stored = {known.name: known for known in known_problems()}
+    assert list(stored) == [one.name for one in draw_problems()]
+    for made in known_problems(tmp_path / "made.tar.xz"):
+        require_same(made, stored[made.name], 1e-6)
 
 
 def test_half_of_every_family_is_set_apart_by_its_names() -> None:
@@ -233,17 +276,19 @@ def test_tangents_in_two_dimensions_are_the_slope_of_the_forces(law: Law) -> Non
     np.testing.assert_allclose(rise, wanted, rtol=0.0, atol=1e-7 * np.abs(wanted).max())
 
 
-def test_numbers_are_kept_by_what_was_run(tmp_path) -> None:
-    one, other = draw_problems()[:2]
+def test_numbers_are_cached_by_what_was_run(tmp_path) -> None:
+    one, other = known_problems()[:2]
     rows = [number(1.0, 0.5), number(math.inf, 0.5)]
-    file = file_of(tmp_path, one, STORED)
-    save_rows(file, rows)
-    assert hold_all([one], in_silence, ways=(STORED,), kept=tmp_path) == rows
+    file = cache_file(tmp_path, one, STORED)
+    file.write_text(json.dumps(rows))
+    assert compare_all([one], in_silence, ways=(STORED,), cache_folder=tmp_path) == rows
     changed = dataclasses.replace(one, given={**one.given, "nu": 0.123})
-    names = {file_of(tmp_path, p, way) for p in (one, other, changed) for way in WAYS}
+    names = {cache_file(tmp_path, p, way) for p in (one, other, changed) for way in WAYS}
     assert len(names) == 6
+    # What cannot be read is found again: nothing, of a problem without a solution.
     file.write_text("[[1, ")
-    assert load_rows(file) is None
+    bare = dataclasses.replace(one, solution=None)
+    assert compare_all([bare], in_silence, ways=(STORED,), cache_folder=tmp_path) == []
 
 
 @pytest.mark.dolfinx
@@ -288,10 +333,10 @@ def test_each_claim_goes_red(error: float, claim: int) -> None:
 @pytest.mark.dolfinx
 @pytest.mark.once
 def test_six_problems_keep_their_word() -> None:
-    chosen = [p for p in draw_problems() if p.name in QUICK]
+    chosen = [p for p in known_problems() if p.name in QUICK]
     assert len(chosen) == len(QUICK)
     assert not any(p.is_apart for p in chosen)
-    found = hold_all(chosen, in_silence, ways=(STORED,))
+    found = compare_all(chosen, in_silence, ways=(STORED,))
     assert {n.problem for n in found} == set(QUICK)
     s = summarise(found)
     assert s.numbers >= 20
@@ -301,10 +346,7 @@ def test_six_problems_keep_their_word() -> None:
 
 @pytest.mark.dolfinx
 def test_a_truth_of_another_material_is_not_covered() -> None:
-    (one,) = (p for p in draw_problems() if p.name == "layer-02")
-    softer = dataclasses.replace(one, given={**one.given, "nu": 0.45})
-    right, wrong = one.make()[2], softer.make()[2]
-    assert right is not None
-    assert wrong is not None
-    found = hold(one, STORED, in_silence, answer=wrong)
-    assert summarise(found).worst > 1.5
+    (one,) = (p for p in known_problems() if p.name == "layer-02")
+    softer = layer_problem(**{**one.given, "nu": 0.45})[2]
+    wrong = dataclasses.replace(one, solution=softer.state, doubts=softer.doubts)
+    assert summarise(compare(wrong, STORED, in_silence)).worst > 1.5

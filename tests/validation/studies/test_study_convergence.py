@@ -15,6 +15,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Verdict
+from palpate.validation.studies import convergence_runs as runs
 from palpate.validation.studies.closed_forms import confined_modulus
 from palpate.validation.studies.convergence import (
     Found,
@@ -26,23 +27,19 @@ from palpate.validation.studies.convergence import (
     judge_kidney,
     kidney_table,
     present,
-    problems,
 )
-from palpate.validation.studies.convergence import families as runs
-from palpate.validation.studies.convergence.families import (
+from palpate.validation.studies.convergence_runs import (
+    MATERIAL,
     ErrorFamily,
+    column,
+    exact_column,
     follow_block,
+    follow_column,
     follow_manufactured,
     follow_wave,
     wave_frequency,
 )
-from palpate.validation.studies.convergence.problems import (
-    MATERIAL,
-    column,
-    exact_column,
-    follow_column,
-)
-from palpate.validation.studies.kidney.meshes import (
+from palpate.validation.studies.kidney import (
     QUANTITIES,
     MeshFamily,
     StoredTruth,
@@ -61,9 +58,9 @@ def stiffer(problem: Problem, **given: Any) -> StaticResult:
 
 def first_piola_kirchhoff_stress(places: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """P = F S of the manufactured solution, written out on its own."""
-    E, nu = problems.MATERIAL.youngs_modulus, problems.MATERIAL.poissons_ratio
+    E, nu = runs.MATERIAL.youngs_modulus, runs.MATERIAL.poissons_ratio
     lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    F = np.eye(3) + problems.exact_gradient(places)
+    F = np.eye(3) + runs.exact_gradient(places)
     strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
     return F @ (lmbda * trace * np.eye(3) + 2 * mu * strain)
@@ -81,11 +78,11 @@ def test_the_body_force_balances_the_stress() -> None:
     scale = np.abs(divergence).max()
     assert scale > 0.5
     # Central differences: (pi step)^2 / 6 and rounding of 1e-16 / step.
-    assert np.abs(divergence + problems.body_force(places)).max() < 1e-8 * scale
+    assert np.abs(divergence + runs.body_force(places)).max() < 1e-8 * scale
 
 
 def test_the_rules_integrate_what_they_should() -> None:
-    x, w = problems.gauss_rule(3)
+    x, w = runs.gauss_rule(3)
     # Exact to degree 5: the integral of x^5 over 0 to 1 is 1/6.
     assert w @ x**5 == pytest.approx(1 / 6, rel=1e-13)
     assert w.sum() == pytest.approx(1.0, rel=1e-13)

@@ -16,16 +16,20 @@ from palpate.validation.peers.registry import Peer
 from palpate.validation.references.field_truth import STVK, time_fastsim
 from palpate.validation.report.estimates import expected_error
 from palpate.validation.states import Verdict
-from palpate.validation.studies import elements
-from palpate.validation.studies.elements import Found, bar, meshes, modes, present
-from palpate.validation.studies.elements.bar import OURS, Bars, Run, follow_bars, judge_bars
-from palpate.validation.studies.elements.meshes import (
+from palpate.validation.studies import elements, elements_bar
+from palpate.validation.studies.elements import (
     Distortion,
+    Found,
+    Modes,
+    Thin,
+    follow_thin,
     judge_distortions,
+    judge_modes,
+    judge_thin,
+    present,
     read_pressures,
 )
-from palpate.validation.studies.elements.modes import Modes, judge_modes
-from palpate.validation.studies.elements.thin import Thin, follow_thin, judge_thin
+from palpate.validation.studies.elements_bar import OURS, Bars, Run, follow_bars, judge_bars
 
 LINEAR, SMOOTHED = OURS[Element.LINEAR], OURS[Element.SMOOTHED]
 
@@ -46,10 +50,10 @@ def verdicts(*curves: list[Run]) -> dict[str, Verdict]:
 
 def test_a_time_to_an_error_lies_between_meshes_on_a_power() -> None:
     # From 0.1 to 0.025 in one decade of time: 0.05 is half way in both logarithms.
-    assert bar.seconds_to(FAST, 0.05) == pytest.approx(math.sqrt(0.1))
-    assert bar.seconds_to(FAST, 0.5) == 0.1
-    assert bar.seconds_to(FAST, 0.001) is None
-    assert bar.orders(FAST) == [None, pytest.approx(2.0), pytest.approx(2.0)]
+    assert elements_bar.seconds_to(FAST, 0.05) == pytest.approx(math.sqrt(0.1))
+    assert elements_bar.seconds_to(FAST, 0.5) == 0.1
+    assert elements_bar.seconds_to(FAST, 0.001) is None
+    assert elements_bar.orders(FAST) == [None, pytest.approx(2.0), pytest.approx(2.0)]
 
 
 def sooner(who: str) -> str:
@@ -59,18 +63,20 @@ def sooner(who: str) -> str:
 
 def test_who_is_quicker_is_told_error_by_error() -> None:
     same = curve(LINEAR, [0.4, 4.0, 40.0], [0.1, 0.025, 0.00625])
-    assert list(bar.quickness(same, FAST).values()) == pytest.approx([4.0] * 91)
+    assert list(elements_bar.quickness(same, FAST).values()) == pytest.approx([4.0] * 91)
     # Half a decade of error in a decade and a half of time: level at 1 s, slower before it.
     crossing = curve(LINEAR, [0.01, 1.0, 100.0], [0.1, 0.025, 0.00625])
-    found = bar.quickness(crossing, FAST)
+    found = elements_bar.quickness(crossing, FAST)
     assert all((ratio > 1.0) == (level < 0.025) for level, ratio in found.items())
-    told = bar._told(found)
+    told = elements_bar._told(found)
     assert told == "10 to 2.5 %: 1 to 10 times slower; 2.4 to 1 %: 1 to 4.6 times as quick"
     assert verdicts(crossing, FAST)[sooner(LINEAR)] is Verdict.FAILED
     # Who gets only so far is beaten from there on.
     short = curve(LINEAR, [0.4, 4.0, 5.0], [0.1, 0.025, 0.02])
-    assert min(bar.quickness(short, FAST).items())[1] == math.inf
-    assert bar._told(bar.quickness(short, FAST)).endswith("below 2 % the other never gets there")
+    assert min(elements_bar.quickness(short, FAST).items())[1] == math.inf
+    assert elements_bar._told(elements_bar.quickness(short, FAST)).endswith(
+        "below 2 % the other never gets there"
+    )
 
 
 def test_what_gets_there_sooner_passes() -> None:
@@ -111,7 +117,7 @@ def test_a_faster_rival_is_a_failed_finding_and_on_the_figure() -> None:
     assert [row[2] for row in page.tables["times"].texts] == ["-", "0.1", "0.01"]
 
 
-TRUE = np.linspace(1.0, 20.0, modes.NUM_MODES)
+TRUE = np.linspace(1.0, 20.0, elements.NUM_MODES)
 
 
 def modes_verdicts(bar_modes: Modes) -> list[Verdict]:
@@ -127,13 +133,13 @@ def test_spurious_modes_and_lost_zeros_are_seen_and_drawn() -> None:
     assert modes_verdicts(sound._replace(smoothed=spurious))[1] is Verdict.FAILED
     page = present(Found(Bars([*SLOW, *FAST], {0.49: 0.001}, ()), [sound]))
     assert "free bar, nu = 0.3" in page.figures["modes"].svg
-    assert len(page.tables["modes"].rows) == modes.NUM_MODES
+    assert len(page.tables["modes"].rows) == elements.NUM_MODES
 
 
 @pytest.mark.dolfinx
 @pytest.mark.once
 def test_the_frequencies_of_a_small_bar_are_true_ones() -> None:
-    free, clamped = modes.follow_modes(lambda _line: None, divisions=2, ratios=(0.3,))
+    free, clamped = elements.follow_modes(lambda _line: None, divisions=2, ratios=(0.3,))
     assert (free.num_zeros, clamped.num_zeros) == ((6, 6), (0, 0))
     for found in (free, clamped):
         # Two cells across: bending of linear tetrahedra is a third too stiff, of smoothed ones not.
@@ -149,14 +155,14 @@ def test_slivers_that_cost_more_than_smoothing_gains_fail() -> None:
 
 
 def test_the_distorted_bar_has_slivers_and_the_same_body() -> None:
-    regular, distorted = bar.make_bar(4, 0.3), meshes.distorted_bar(4, 0.3)
+    regular, distorted = elements_bar.make_bar(4, 0.3), elements.distorted_bar(4, 0.3)
     assert distorted.mesh.volume == pytest.approx(regular.mesh.volume, rel=1e-12)
     # One step of moving less than what has 5 degrees.
     assert 5.0 <= measure_quality(distorted.mesh).smallest_dihedral_deg < 6.0
 
 
 def test_pressures_of_a_uniform_field_do_not_scatter_and_waves_do() -> None:
-    problem = bar.make_bar(4, 0.49)
+    problem = elements_bar.make_bar(4, 0.49)
     points = problem.mesh.points
     # Swollen by one per cent: tr E = 3 (0.01 + 0.01^2 / 2); lmbda = E nu / ((1 + nu)(1 - 2 nu)).
     lmbda = 2e4 * 0.49 / (1.49 * 0.02)
@@ -178,7 +184,7 @@ def test_without_the_reference_there_is_no_truth(monkeypatch: pytest.MonkeyPatch
     def missing(*_args: object, **_named: object) -> None:
         raise ReferenceUnavailableError("FEniCSx (dolfinx) is not installed")
 
-    monkeypatch.setattr(bar, "solve_state", missing)
+    monkeypatch.setattr(elements_bar, "solve_state", missing)
     with pytest.raises(ReferenceUnavailableError, match="FEniCSx"):
         elements.compute(lambda _line: None)
 
@@ -201,10 +207,10 @@ def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
             lambda _line: None, ratios=(0.49,), divisions=sizes, truth_divisions=4, solve=solve
         )
 
-    monkeypatch.setattr(bar, "LIMIT_DIVISIONS", 4)
-    monkeypatch.setattr(bar, "LIMITS", {0.49: 0.1})
+    monkeypatch.setattr(elements_bar, "LIMIT_DIVISIONS", 4)
+    monkeypatch.setattr(elements_bar, "LIMITS", {0.49: 0.1})
     bars = follow(spoiled=False)
-    distortions, pressures = meshes.follow_meshes(bars.truths, lambda _line: None, divisions=4)
+    distortions, pressures = elements.follow_meshes(bars.truths, lambda _line: None, divisions=4)
     # The same solves on the regular mesh.
     assert distortions[0].smoothed[0] == pytest.approx(bars.of(0.49, SMOOTHED)[-1].error)
     assert judge_distortions(distortions)[0].verdict is Verdict.PASSED
@@ -241,7 +247,7 @@ def test_the_rule_for_thin_bodies_is_put_to_the_test() -> None:
 @pytest.mark.dolfinx
 @pytest.mark.once
 def test_thin_bars_miss_what_the_rule_says() -> None:
-    truth = bar.solve_truth(bar.make_bar(4, 0.3), lambda _line: None)
+    truth = elements_bar.solve_truth(elements_bar.make_bar(4, 0.3), lambda _line: None)
     found = follow_thin({0.3: truth}, lambda _line: None, through=(1, 2), slenderness=(1, 4))
     assert [(one.num_cells, one.slenderness) for one in found] == [(1, 1), (2, 1), (1, 4), (2, 4)]
     assert {finding.verdict for finding in judge_thin(found)} == {Verdict.PASSED}

@@ -9,13 +9,14 @@ import pytest
 from palpate.validation.report.study_page import study_page
 from palpate.validation.states import Verdict
 from palpate.validation.studies import grading
-from palpate.validation.studies.grading.curves import (
+from palpate.validation.studies.grading import (
     Curves,
+    Growth,
     Point,
     cells_for_error,
+    count_cells,
     remainder,
 )
-from palpate.validation.studies.grading.growth import Growth, count_cells
 
 
 def family(order: float, cells: tuple[int, ...], constant: float) -> list[Point]:

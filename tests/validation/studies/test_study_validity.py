@@ -21,32 +21,33 @@ from palpate.validation.studies.closed_forms import (
     elastica_shape,
     stretch_under,
 )
-from palpate.validation.studies.validity import judge, judge_bending, judge_checks, judge_modes
-from palpate.validation.studies.validity.block import (
-    HOMOGENEOUS,
-    MOST,
-    Mode,
-    closed_form,
-    find_mode_limit,
-    follow_mode,
-)
-from palpate.validation.studies.validity.present import (
+from palpate.validation.studies.validity import (
     Found,
     bending_table,
     draw_map,
     draw_modes,
     draw_rotation,
+    judge,
+    judge_bending,
+    judge_checks,
+    judge_modes,
     mode_table,
     present,
 )
-from palpate.validation.studies.validity.rising import (
+from palpate.validation.studies.validity_loads import (
+    HOMOGENEOUS,
+    MOST,
     BendingLimit,
     BendingPoint,
     DegreeCheck,
+    Mode,
     border,
     check_by_quadratic,
+    closed_form,
     find_limit,
+    find_mode_limit,
     follow_bar,
+    follow_mode,
 )
 
 SLENDERNESSES, POISSONS_RATIOS = (4.0, 8.0), (0.0, 0.3)

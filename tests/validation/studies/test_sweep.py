@@ -19,8 +19,13 @@ from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.studies.sweep import ends_of
-from palpate.validation.studies.sweep_runs import linear_error, run_all
-from palpate.validation.studies.sweep_variants import VaryError, read_axis, variants
+from palpate.validation.studies.sweep_runs import (
+    VaryError,
+    linear_error,
+    read_axis,
+    run_all,
+    variants,
+)
 
 
 def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:

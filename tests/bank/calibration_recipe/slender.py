@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration_recipe.answers import Answer, told
+from calibration_recipe.shapes import BAR_THICKNESS, shape_mesh
 from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, Traction
 from palpate.meshes.bricks import held, side
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.metrics import WHOLE_BODY_METRICS
-from palpate.validation.studies.calibration.answers import Answer, told
-from palpate.validation.studies.calibration.shapes import BAR_THICKNESS, shape_mesh
 
 _ANSWERS = Path(__file__).with_name("answers.npz")
 # The reference's budget for an answer: unknowns, so that a busy machine finds the same.

@@ -37,15 +37,16 @@ from palpate.validation.report.plots import (
 )
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.convergence.families import (
+from palpate.validation.studies.convergence_runs import (
+    ColumnGrid,
     ErrorFamily,
     follow_block,
+    follow_column,
     follow_degrees,
     follow_manufactured,
     follow_wave,
 )
-from palpate.validation.studies.convergence.problems import ColumnGrid, follow_column
-from palpate.validation.studies.kidney.meshes import (
+from palpate.validation.studies.kidney import (
     QUANTITIES,
     MeshFamily,
     StoredTruth,

@@ -1,10 +1,4 @@
-"""The kidney case on its mesh and on that mesh cut in eight, twice: numbers, order, error bar.
-
-All three meshes have the same faceted shape, so what converges is the discretisation alone. Where
-the held part of the surface meets the free one, stress is singular: displacement behaves like the
-square root of the distance (a crack front, or a punch that sticks), so that linear functionals of
-P1 converge with order 1 on uniform meshes once that edge dominates, and with 2 before.
-"""
+"""Fig. 5 and Table I: the kidney, original, with linear and with Green strain."""
 
 from __future__ import annotations
 
@@ -22,6 +16,15 @@ from palpate.validation.metrics.difference import make_state
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Progress, State
+from palpate.validation.studies.of_case import findings_of, judge_live, page_of
+from palpate.validation.studies.study import Study
+
+# The kidney case on its mesh and on that mesh cut in eight, twice: numbers, order, error bar.
+#
+# All three meshes have the same faceted shape, so what converges is the discretisation alone. Where
+# the held part of the surface meets the free one, stress is singular: displacement behaves like the
+# square root of the distance (a crack front, or a punch that sticks), so that linear functionals of
+# P1 converge with order 1 on uniform meshes once that edge dominates, and with 2 before.
 
 # Once the edge of the support dominates; before, up to 2.
 EXPECTED_ORDER = 1.0
@@ -114,3 +117,8 @@ def follow_meshes(problem: Problem, progress: Progress, *, refinements: int = 2)
         cells.append(problem.mesh.num_cells)
         responses.append(measure_response(problem, solve_static(problem).displacement))
     return MeshFamily(tuple(cells), tuple(responses))
+
+
+STUDY = Study(
+    "The kidney", __doc__, lambda progress: judge_live("kidney", progress), findings_of, page_of
+)

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.meshes.problem import Problem, Strain
-from palpate.validation.studies.calibration.answers import Answer
-from palpate.validation.studies.calibration.bars import column_problem, motion_problem
-from palpate.validation.studies.calibration.extruded import extruded_problem
-from palpate.validation.studies.calibration.layers import layer_problem
-from palpate.validation.studies.calibration.slender import (
+from calibration_recipe.answers import Answer
+from calibration_recipe.bars import column_problem, motion_problem
+from calibration_recipe.extruded import extruded_problem
+from calibration_recipe.layers import layer_problem
+from calibration_recipe.slender import (
     find_answer,
     kept_answer,
     slender_problem,
 )
-from palpate.validation.studies.calibration.smooth import smooth_problem
+from calibration_recipe.smooth import smooth_problem
+from palpate.meshes.problem import Problem, Strain
 
 TABLE = Path(__file__).with_name("problems.toml")
 _EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer | None]]] = {

@@ -21,15 +21,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats
-from palpate.meshes.problem import Material, Strain
-from palpate.validation.studies.calibration.plane_grid import (
+from calibration_recipe.plane_grid import (
     Section,
     graded,
     lagrange,
     lobatto,
 )
-from palpate.validation.studies.calibration.plane_laws import stress_of
+from calibration_recipe.plane_laws import stress_of
+from palpate.meshes.arrays import Floats
+from palpate.meshes.problem import Material, Strain
 
 _MOST_ITERATIONS, _SMALLEST_STEP = 20, 0.1
 _CONVERGED = 1e-11

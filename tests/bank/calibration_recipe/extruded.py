@@ -19,6 +19,14 @@ from functools import cache
 
 import numpy as np
 
+from calibration_recipe.answers import Answer, told
+from calibration_recipe.plane import (
+    Plane,
+    PlaneLoads,
+    PlaneNotConvergedError,
+)
+from calibration_recipe.plane_grid import Section
+from calibration_recipe.shapes import shape_mesh
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import (
     BodyForce,
@@ -33,14 +41,6 @@ from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.studies.calibration.answers import Answer, told
-from palpate.validation.studies.calibration.plane import (
-    Plane,
-    PlaneLoads,
-    PlaneNotConvergedError,
-)
-from palpate.validation.studies.calibration.plane_grid import Section
-from palpate.validation.studies.calibration.shapes import shape_mesh
 
 # Height in which a section bends, and the lines between its bricks on which corners lie.
 _HEIGHT = {"box": 0.6, "cube": 1.0, "thin": 0.1, "sliver": 0.25, "bracket": 0.5, "notched": 0.5}
