@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from making.blocks import Block, blocks_of
-from making.run_blocks import BlockFailedError, run_blocks, with_outputs
+from making.blocks import Block, BlockFailedError, blocks_of, run_blocks, with_outputs
 
 from palpate.validation.cli import app
 

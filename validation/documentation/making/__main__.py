@@ -10,12 +10,10 @@ from pathlib import Path
 
 import matplotlib as mpl
 
+from making.blocks import with_outputs
 from making.cases import draw_cases, write_cases
-from making.command_line import commands, exit_codes
 from making.equations import equations
-from making.keys import keys
-from making.look_up import benchmarks, faults, laws, metrics, studies
-from making.run_blocks import with_outputs
+from making.look_up import benchmarks, commands, exit_codes, faults, keys, laws, metrics, studies
 from making.third_party import third_party
 
 ROOT = Path(__file__).parents[3]

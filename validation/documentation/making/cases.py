@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from making.tables import table
+from making.look_up import table
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case, builtin_cases, load_case
 from palpate.validation.case.schema import CheckSpec

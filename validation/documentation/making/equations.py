@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from making.tables import table
+from making.look_up import table
 
 ROOT = Path(__file__).parents[3]
 # Of a definition more lines than these are not shown.

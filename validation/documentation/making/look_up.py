@@ -5,14 +5,130 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-from making.tables import table
+import typer
+from typer.cli import get_docs_for_click
+
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.faults import Fault
+from palpate.validation.case.schema_keys import editor_schema
+from palpate.validation.cli import app
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.metrics.catalogue import Metric
 from palpate.validation.peers.bench import MODULES
+from palpate.validation.states import ExitCode
 from palpate.validation.studies import STUDIES, load_study
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(_cell(c) for c in line) + " |" for line in lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+# The command line: every command with its options, and what its exit code means.
+
+
+def exit_codes() -> str:
+    """The exit codes, the same for every command."""
+    rows = [(str(int(code)), code.meaning) for code in ExitCode]
+    return (
+        "# Exit codes\n\nThe same for every command. With several cases the gravest decides, in "
+        "the order 4, 2, 1, 3, 0. A signal ends a command with 128 and its number.\n\n"
+        + table(("code", "meaning"), rows)
+    )
+
+
+def commands() -> str:
+    """Every command with its options, as Typer writes them."""
+    command = typer.main.get_command(app)
+    context = typer.Context(command, info_name="palpate")
+    text = get_docs_for_click(obj=command, ctx=context, name="palpate", title="Commands")
+    # Lists of --help, marked by \b, stay lists.
+    text = re.sub(r"\x08\n(.+:)\n((?:  .+\n)+)", r"\1\n\n```text\n\2```\n", text)
+    return text.replace("<bool>", "").strip() + "\n"
+
+
+# The page of a case file's keys, from the schema that `palpate schema` writes.
+
+
+def keys() -> str:
+    """Every key of a case file, from the schema that `palpate schema` writes."""
+    schema = editor_schema()
+    tables = {"": schema, **schema["$defs"]}
+    parts = [
+        "# Keys of a case file\n\nA case is a TOML file. Unknown keys are errors; lengths, "
+        "stresses and forces are in the units of the file's own `[units]`. `palpate schema -o "
+        "palpate.schema.json` writes this for editors.\n"
+    ]
+    for name, part in tables.items():
+        title = _title(name)
+        if "properties" in part:
+            parts += [f"({_anchor(name)})=\n## {title}\n", f"{part.get('description', '')}\n"]
+            required = set(part.get("required", ()))
+            rows = [
+                (
+                    f"`{key}`",
+                    _type(one),
+                    _default(key, one, required),
+                    one.get("description", ""),
+                )
+                for key, one in part["properties"].items()
+            ]
+            parts.append(table(("key", "value", "default", "meaning"), rows))
+        elif "enum" in part:
+            values = ", ".join(f'`"{value}"`' for value in part["enum"])
+            meaning = part.get("description", "").strip().splitlines()
+            parts += [f"({_anchor(name)})=\n## {title}\n", f"{meaning[0] if meaning else ''}\n"]
+            parts.append(f"One of {values}.\n")
+    return "\n".join(parts)
+
+
+def _title(name: str) -> str:
+    """Of a table, for people: "SupportSpec" is "support"."""
+    words = re.sub(r"(Spec|At)$", "", name)
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words).lower() or "The file"
+
+
+def _anchor(name: str) -> str:
+    return f"key-{name.lower() or 'file'}"
+
+
+def _type(part: Mapping[str, Any]) -> str:
+    if "$ref" in part:
+        name = str(part["$ref"]).rsplit("/", 1)[-1]
+        return f"[{_title(name)}](#{_anchor(name)})"
+    for several in ("anyOf", "oneOf"):
+        if several in part:
+            return " or ".join(dict.fromkeys(_type(one) for one in part[several]))
+    if "enum" in part:
+        return ", ".join(f'`"{value}"`' for value in part["enum"])
+    if "const" in part:
+        return f"`{part['const']}`"
+    kind = part.get("type", "")
+    if kind == "array":
+        items = part.get("items", {})
+        if isinstance(items, list):
+            return f"{len(items)} of {_type(items[0])}"
+        return f"list of {_type(items)}"
+    limits = {"exclusiveMinimum": "> ", "minimum": ">= ", "gt": "> ", "maximum": "<= "}
+    found = [f"{word}{part[key]:g}" for key, word in limits.items() if key in part]
+    return " ".join([str(kind), *found]).strip() or "table"
+
+
+def _default(key: str, part: Mapping[str, Any], required: set[str]) -> str:
+    if key in required:
+        return "required"
+    value = part.get("default")
+    if value is None or value in ({}, []) or isinstance(value, dict):
+        return "-"
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`" if value != "" else "-"
 
 
 def metrics() -> str:

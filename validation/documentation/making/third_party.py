@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from making.tables import table
+from making.look_up import table
 
 ROOT = Path(__file__).parents[3]
 # Not known to pip everywhere: Debian and conda bring them.
