@@ -25,12 +25,12 @@ _ALIGNMENT = 8
 _SELDOM = 6
 # The scale of colours ends at this part of the body's size, of 1, of Young's modulus or beyond.
 _LEAST = 1e-3
-# The pace is told over so long [s].
+# The pace is a mean over so long [s].
 _WHILE = 1.0
 
 
 class Box:
-    """A box in which coordinates are told in whole numbers from 0 to 65535.
+    """A box in which coordinates are stated in whole numbers from 0 to 65535.
 
     Args:
         points: Of the body at rest [mm], shape (n, 3); the box is three times as large, so that a
@@ -99,7 +99,7 @@ class Pace:
         self._ends = [*(end for end in self._ends if now - end < _WHILE), now]
 
     def described(self) -> dict[str, float]:
-        """Times real time that is possible, the same by processor time, and what is held."""
+        """Times real time that is possible, the same by processor time, and what is reached."""
         age = time.perf_counter() - self._ends[0] + self._tick if self._ends else _WHILE
         return {
             "factor": self._tick / max(self._spent, 1e-9),
@@ -150,14 +150,14 @@ class FrameMaker:
         self._most = max(
             *(float(of.max()) for of in shades), 0.98 * self._most, self._least[self.colour]
         )
-        packed, told = [], []
+        packed, reported = [], []
         for pane, shade in zip(panes, shades, strict=True):
             positions = pane.positions()
             if self.count % _SELDOM == 1 or pane.name not in self._energies:
                 self._energies[pane.name] = pane.strain_energy()
             parts = np.clip(shade * (255.0 / self._most), 0.0, 255.0).astype(np.uint8)
             packed.append((self.box.packed(positions * 1e3), parts))
-            told.append(
+            reported.append(
                 {
                     "force": [_finite(f) for f in pane.mean_force() + pane.pull()],
                     "volume": _finite(pane.volume_change(positions)),
@@ -166,7 +166,7 @@ class FrameMaker:
                     "trouble": bool(pane.trouble),
                 }
             )
-        whole = {"frame": self.count, "panes": told, "colour": self.colour, "most": self._most}
+        whole = {"frame": self.count, "panes": reported, "colour": self.colour, "most": self._most}
         return pack_frame({**whole, **head}, packed)
 
 

@@ -1,4 +1,4 @@
-"""What is seen, stopped and held against the reference in the background.
+"""What is seen, stopped and compared with the reference in the background.
 
 First on the same mesh, within seconds; then the truth, for so long at most. Whichever there is, is
 shown at once and stays.
@@ -24,7 +24,7 @@ VERDICT = "palpate.validation.live.verdict"
 # Each answer is waited for so long after what was before it [s].
 LIMITS = {SAME_MESH: 120.0, TRUTH: 180.0}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
-# Progress is told so often at most [s].
+# Progress is reported so often at most [s].
 _BREATH = 0.5
 
 

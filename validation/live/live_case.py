@@ -35,7 +35,7 @@ _RAMP = 0.5
 # vertices, for those are kept out: a ball of 1.5 gaps sinks in by a quarter of a gap and a little,
 # a smaller one by far more.
 _RADIUS, _GAPS = 0.12, 1.5
-# Patch that is held, likewise: some vertices are in it.
+# Patch that is grabbed, likewise: some vertices are in it.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
 # Of a case's own tool, what the hand takes.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
@@ -156,7 +156,7 @@ def _default_radius(case: Case) -> float:
 
 
 def patch_radius(mesh: TetMesh) -> float:
-    """Of a patch that is held, unless the page says another [m]."""
+    """Of a patch that is grabbed, unless the page says another [m]."""
     side = float(np.ptp(mesh.points, axis=0).max())
     return max(_PATCH * side, _GAPS_OF_PATCH * _largest_gap(mesh))
 
@@ -257,13 +257,13 @@ def problem_of(case: Case, data: dict[str, Any]) -> Problem:
 
 
 def _free_side(problem: Problem) -> int:
-    """The axis on whose upper end the least is held; the first look is across the others."""
+    """The axis on whose upper end the least is fixed; the first look is across the others."""
     points = problem.mesh.points
-    held = [support.points for support in problem.supports]
-    if not held:
+    fixed = [support.points for support in problem.supports]
+    if not fixed:
         return 2
     low, high = points.min(axis=0), points.max(axis=0)
-    position = (points[np.concatenate(held)].mean(axis=0) - low) / (high - low)
+    position = (points[np.concatenate(fixed)].mean(axis=0) - low) / (high - low)
     return 2 if position[2] < 0.45 else int(np.argmin(position))
 
 

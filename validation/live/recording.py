@@ -78,7 +78,7 @@ class Grip:
             }
         return table
 
-    def held(self) -> dict[str, Any]:
+    def static_table(self) -> dict[str, Any]:
         """Its table with the anchor as it is now, for statics."""
         return {**self.table, "displacement": self.hand.position.tolist()}
 
@@ -137,7 +137,7 @@ def take_hold(
     return Grip(table, spring, hand, first, body.steps)
 
 
-# States kept of a recorded motion, about so many a second.
+# States stored of a recorded motion, about so many a second.
 _OUTPUTS = 30.0
 _MOTION_CHECKS: list[dict[str, Any]] = [
     {
@@ -188,7 +188,7 @@ _FORCE_CHECK = {
 
 
 def ticks_of_output(tick: float, num_ticks: int) -> int:
-    """Ticks between two states that are kept of a recording [-]."""
+    """Ticks between two states that are stored of a recording [-]."""
     return max(1, min(num_ticks, round(1.0 / (_OUTPUTS * tick))))
 
 
@@ -214,7 +214,7 @@ def write_recording(
     if num_ticks < 1:
         raise InputError("nothing was recorded: begin, move the tool, then end the recording")
     each = ticks_of_output(live.clock.tick, num_ticks)
-    # The tool rests until the last state that is kept.
+    # The tool rests until the last state that is stored.
     positions = [*positions, *[positions[-1]] * (-num_ticks % each)]
     data = live.with_path(positions)
     data["time"]["num_outputs"] = (len(positions) - 1) // each

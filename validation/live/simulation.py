@@ -43,7 +43,7 @@ _SPEED_SAFETY = 0.8 / RETREAT
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
 
-# Places are told so exactly [m].
+# Positions are stated so exactly [m].
 NANOMETRE = 1e-9
 
 Note = dict[str, Any]
@@ -157,7 +157,7 @@ class Simulation(threading.Thread):
         self._grips: list[Grip] = []
         self._pace = Pace(tick)
         self._frames.begin()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
         self._settling: Settling | None = None
         self._due = time.perf_counter()
 
@@ -215,8 +215,8 @@ class Simulation(threading.Thread):
         for other in others:
             other.result()
         for number, pane in enumerate(self.panes):
-            if pane.trouble and number not in self._told:
-                self._told.add(number)
+            if pane.trouble and number not in self._reported:
+                self._reported.add(number)
                 self._say(f"{pane.name}: {pane.trouble}")
         spent = time.perf_counter() - begin
         self._pace.note(spent, max(pane.cpu_seconds for pane in self.panes))
@@ -231,7 +231,7 @@ class Simulation(threading.Thread):
                 self._end_recording()
 
     def _next_anchor(self, room: float) -> Floats | None:
-        """Where what is held is pulled to [m]."""
+        """Where what is grabbed is pulled to [m]."""
         if self._grip is None:
             return None
         position = self._grip.hand.next_position(room)
@@ -330,9 +330,10 @@ class Simulation(threading.Thread):
             pane.hold(grip.spring)
         self._grip = grip
         self._grips.append(grip)
-        told = grip.spring
+        spring = grip.spring
         self._say(
-            f"held: a spring of {told.stiffness:.3g} N/m over a patch of {1e3 * told.radius:.3g} mm"
+            f"grabbed: a spring of {spring.stiffness:.3g} N/m over a patch of "
+            f"{1e3 * spring.radius:.3g} mm"
         )
 
     def _let_go(self) -> None:
@@ -352,7 +353,7 @@ class Simulation(threading.Thread):
         if self._grip is not None:
             self._grip.hand.stay()
         self._settling = Settling(self.live.clock.tick)
-        self._say("judging: held still until the bodies rest")
+        self._say("judging: kept still until the bodies rest")
 
     def _settle(self, settling: Settling) -> None:
         """Watch the bodies; forces are means of the last window or less."""
@@ -366,9 +367,9 @@ class Simulation(threading.Thread):
         forces = [pane.mean_force() for pane in self.panes]
         try:
             name = free_name(self._folder, f"held-{self._case.name}")
-            held = None if self._grip is None else self._grip.held()
+            spring = None if self._grip is None else self._grip.static_table()
             case, pose = write_pose(
-                self.live, self.hand.position, self.panes, forces, held, self._folder, name
+                self.live, self.hand.position, self.panes, forces, spring, self._folder, name
             )
         except (InputError, OSError) as error:
             self._is_paused = False

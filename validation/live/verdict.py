@@ -106,15 +106,15 @@ class PoseOfPane:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class PoseVerdict:
     """To one of the questions.
 
     Attributes:
-        told: What is to be said of each pane: name, verdict, checks.
+        reports: What is to be said of each pane: name, verdict, checks.
         errors: At each point [m], NaN without a reference, shape (num_panes, num_points).
     """
 
-    told: list[dict[str, Any]]
+    reports: list[dict[str, Any]]
     errors: Floats
 
 
@@ -205,15 +205,15 @@ def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
         return found
     positions = {(LINEAR, Strain.GREEN): linear, (QUADRATIC, Strain.GREEN): truth}
     rough = estimate_bars(problem, positions)
-    told = {position: bar for position, bar in found.bars.items() if math.isfinite(bar)}
-    return replace(found, bars={**found.bars, **rough, **told})
+    finite = {position: bar for position, bar in found.bars.items() if math.isfinite(bar)}
+    return replace(found, bars={**found.bars, **rough, **finite})
 
 
 def judge_panes(
     question: str, case: Case, panes: Sequence[PoseOfPane], references: ReferenceSet
-) -> Answer:
+) -> PoseVerdict:
     """Hold the panes against the references of a question."""
-    told: list[dict[str, Any]] = []
+    reports: list[dict[str, Any]] = []
     errors = np.full((len(panes), case.mesh.mesh.num_points), np.nan)
     for number, pane in enumerate(panes):
         strain = pane.strain if question == SAME_MESH else Strain.GREEN
@@ -221,7 +221,7 @@ def judge_panes(
         judge = CaseJudge(case, own)
         state, why = _answer(pane, case.problem, strain)
         checks = [judge.check(spec, state, why) for spec in _checks(question, case, strain)]
-        told.append(
+        reports.append(
             {
                 "name": pane.name,
                 "verdict": gravest([check.verdict for check in checks]).value,
@@ -232,7 +232,7 @@ def judge_panes(
         if reference is not None:
             apart = pane.displacement - reference.displacement
             errors[number] = np.linalg.norm(apart, axis=1)
-    return Answer(told, errors)
+    return PoseVerdict(reports, errors)
 
 
 def _answer(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State | None, str]:
@@ -256,9 +256,9 @@ def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
     ]
 
 
-def say(path: Path, question: str, found: Answer, used: Indices) -> None:
+def say(path: Path, question: str, found: PoseVerdict, used: Indices) -> None:
     """Print the notes of an answer: of each pane, and of the errors at the surface's points."""
-    for pane in found.told:
+    for pane in found.reports:
         text = f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {'; '.join(pane['checks'])}"
         print(json.dumps({"kind": "note", "text": text, "verdict": pane["verdict"]}))
     lengths = found.errors[:, used] * 1e3
@@ -268,7 +268,7 @@ def say(path: Path, question: str, found: Answer, used: Indices) -> None:
         "text": f"{_COLOUR[question]}; the case: {path}",
         "against": question,
         "more": question == SAME_MESH,
-        "verdicts": [pane["verdict"] for pane in found.told],
+        "verdicts": [pane["verdict"] for pane in found.reports],
         "largest": float(lengths[there].max(initial=0.0)),
         "errors": [
             packed(of, np.float32) if is_there else None

@@ -187,8 +187,8 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     for axes in panels:
         tidy(axes)
         # Lines of forces look as those of displacement: in a column the first legend tells them.
-        is_told_above = not is_page and axes is not above and axes is not below
-        if axes.get_legend_handles_labels()[0] and not is_told_above:
+        is_known_above = not is_page and axes is not above and axes is not below
+        if axes.get_legend_handles_labels()[0] and not is_known_above:
             axes.legend(
                 frameon=False, fontsize=8 * size, ncols=columns,
                 loc="lower center", bbox_to_anchor=(0.5, 0.98),

@@ -25,7 +25,7 @@ _LEAST_TOP = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Candidates and what they are held against.
+    """Candidates and what they are compared with.
 
     Attributes:
         strain: Of all of them.

@@ -1,4 +1,4 @@
-"""What can be told of a problem before it is solved: cells through it, its error, its cost."""
+"""What can be said of a problem before it is solved: cells through it, its error, its cost."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Thickness:
 
 
 def measure_thickness(
-    mesh: TetMesh, *, held: NDArray[Any] | None = None, seed: int = 0
+    mesh: TetMesh, *, fixed: NDArray[Any] | None = None, seed: int = 0
 ) -> Thickness:
     """Follow rays from boundary facets inwards, from cell to cell, to the other side.
 
@@ -48,7 +48,7 @@ def measure_thickness(
 
     Args:
         mesh: The body.
-        held: Facets that supports hold, shape (num_facets, 3): what lies against one does not bend
+        fixed: Facets of supports, shape (num_facets, 3): what lies against one does not bend
             that way, so rays count that begin and end elsewhere, where there are any.
         seed: Of the draw.
     """
@@ -80,8 +80,8 @@ def measure_thickness(
         inside, here, beyond = inside[goes_on], here[goes_on], beyond[goes_on]
         cell[inside] = beyond
         entered[inside] = (neighbours[beyond] == here[:, None]).argmax(axis=1)
-    if held is not None and len(held):
-        is_free = ~(are_among(first, held) | are_among(last, held))
+    if fixed is not None and len(fixed):
+        is_free = ~(are_among(first, fixed) | are_among(last, fixed))
         if is_free.any():
             length, count, volume = length[is_free], count[is_free], volume[is_free]
     layers = count / _CROSSED_IN_A_CELL

@@ -235,7 +235,7 @@ def _drawn(draw: Callable[[CaseResult], str], result: CaseResult) -> Markup:
 
 
 def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
-    """Where the candidate's error comes from, or why that cannot be told.
+    """Where the candidate's error comes from, or why that cannot be said.
 
     Of a motion by running fastsim with one thing changed at a time, where that is cheap.
     """

@@ -100,7 +100,7 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         look.warnings.append(
             f"the body is {longest:.3g} m long: is its file really in {unit}? see [units]"
         )
-    through = measure_thickness(mesh, held=_held(problem))
+    through = measure_thickness(mesh, fixed=_fixed_facets(problem))
     cells = f"about {through.num_cells:.2g} cell(s)"
     shape = f"{through.slenderness:.2g} times as long as high"
     look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}, {shape}")
@@ -110,12 +110,12 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         )
         for element in Element
     }
-    told = _by_element(errors)
-    look.say("bending", f"bent across that, it misses of the displacement: {told} (`{STUDY}`)")
+    shown = _by_element(errors)
+    look.say("bending", f"bent across that, it misses of the displacement: {shown} (`{STUDY}`)")
     if any(errors[element] > most for element, most in _TOO_STIFF.items()):
         look.warnings.append(
             f"{cells} through the thickness, {shape}: bent across them, tetrahedra are too stiff "
-            f"({told}); make edge_length smaller"
+            f"({shown}); make edge_length smaller"
         )
     if quality.smallest_dihedral_deg < _SMALL_ANGLE:
         look.warnings.append(
@@ -141,11 +141,11 @@ def _material(look: Look, problem: Problem, units: Units) -> None:
 
 def _what_acts(look: Look, problem: Problem, units: Units) -> None:
     mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
-    held = _held(problem)
+    fixed = _fixed_facets(problem)
     for number, support in enumerate(problem.supports, 1):
         area = float(facet_areas(mesh.points, support.facets).sum())
         names = "".join(
-            name for name, is_held in zip("xyz", support.components, strict=True) if is_held
+            name for name, is_fixed in zip("xyz", support.components, strict=True) if is_fixed
         )
         if support.normal is not None:
             names = f"slides along its plane, normal {_vector(support.directions[0])},"
@@ -162,7 +162,7 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
                 f"{_vector(np.array(turned.axis))} through "
                 f"{_vector(np.array(turned.center) / scale)} {unit}"
             )
-        look.say(f"support {number}", f"{where}, {names} held{moving}")
+        look.say(f"support {number}", f"{where}, {names} fixed{moving}")
     total = np.zeros(3)
     for number, load in enumerate(problem.loads, 1):
         found = resultant_of(problem, load)
@@ -177,10 +177,10 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
             moment = found.moment / (FORCE[units.force] * scale)
             where += f", moment {_vector(moment)} {units.force} {unit} about its middle"
         look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
-        num_held = int(are_among(found.facets, held).sum())
-        if num_held and isinstance(load, Traction):
+        num_fixed = int(are_among(found.facets, fixed).sum())
+        if num_fixed and isinstance(load, Traction):
             look.warnings.append(
-                f"load {number} pushes {num_held} facet(s) that are held; that part is lost"
+                f"load {number} pushes {num_fixed} facet(s) that are fixed; that part is lost"
             )
     if problem.loads:
         look.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
@@ -276,7 +276,7 @@ def _costs(look: Look, problem: Problem, units: Units) -> None:
             "strain to differ, and to need several Newton iterations"
         )
     elif moved == 0.0:
-        look.warnings.append("nothing moves under these loads: is the loaded part held?")
+        look.warnings.append("nothing moves under these loads: is the loaded part fixed?")
 
 
 def _misses(look: Look, case: Case, problem: Problem) -> None:
@@ -288,20 +288,20 @@ def _misses(look: Look, case: Case, problem: Problem) -> None:
         look.say(
             "misses",
             f"no guess {why}; the rule of bending is of bending alone: what is pressed, sheared or "
-            "held at an edge may be farther off",
+            "fixed at an edge may be farther off",
         )
         return
-    told = _by_element(errors)
+    shown = _by_element(errors)
     look.say(
-        "misses", f"{told} of the displacement (linear strain, each cell cut in eight: a guess)"
+        "misses", f"{shown} of the displacement (linear strain, each cell cut in eight: a guess)"
     )
     asked = [c.limit for c in case.checks if (c.metric, c.against) == ("displacement_l2", "truth")]
     if asked and min(errors.values()) > min(asked):
         length = edge_that_would_do(min(errors.values()), min(asked))
         look.warnings.append(
             f"a check asks for {100.0 * min(asked):.2g} % of the true displacement, and no element "
-            f"is expected to be that near ({told}): edges {length:.2g} times as long may do, first "
-            "of all where it is held"
+            f"is expected to be that near ({shown}): edges {length:.2g} times as long may do, "
+            "first of all where it is fixed"
         )
 
 
@@ -309,7 +309,7 @@ def _by_element(errors: dict[Element, float]) -> str:
     return ", ".join(f"{element} {100.0 * error:.2g} %" for element, error in errors.items())
 
 
-def _held(problem: Problem) -> NDArray[Any]:
+def _fixed_facets(problem: Problem) -> NDArray[Any]:
     """Facets of all supports, (num_facets, 3)."""
     return np.vstack([np.zeros((0, 3), dtype=np.int32), *(s.facets for s in problem.supports)])
 

@@ -31,7 +31,7 @@ _QUANTITIES = {
     "traction_resultant": "force through a cut",
 }
 _FIRST = ("displacement_l2", "trajectory_l2")
-# Where nothing was held against the truth, this stands in the place of "passed".
+# Where nothing was compared with the truth, this stands in the place of "passed".
 _NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
 
 
@@ -188,8 +188,8 @@ def _group(result: CaseResult, judged: Judged) -> str:
     total = sum(c.element is judged.element for c in result.checks)
     who = f"{judged.name}: " if len(result.candidates) > 1 else ""
     words = "not passed" if any(c.verdict is Verdict.INCONCLUSIVE for c in left) else "failed"
-    told = [c for c in left if c.value is not None and c.limit > 0.0]
-    first = max(told, key=_used) if told else left[0]
+    shown = [c for c in left if c.value is not None and c.limit > 0.0]
+    first = max(shown, key=_used) if shown else left[0]
     where = where_wrong(result, judged) or f"{first.name}, {first.message}"
     return f"{who}{len(left)} of {total} checks {words}: {where}"
 
@@ -207,8 +207,8 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     wide = [c for c in far if c.reference_error > _WIDE * c.limit]
     if wide:
         bar = max(c.reference_error / c.limit for c in wide)
-        told = f"{100.0 * bar:.0f} % of the limit" if math.isfinite(bar) else "no known size"
-        return f"The truth itself has an error bar of {told}."
+        size = f"{100.0 * bar:.0f} % of the limit" if math.isfinite(bar) else "no known size"
+        return f"The truth itself has an error bar of {size}."
     return (
         "This is verification: the equations are solved well. Whether they are those of the "
         "tissue, only measurements tell."

@@ -73,7 +73,7 @@ def test_a_normal_holds_along_it_alone(write_case: Write) -> None:
     problem = case.problem
     assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
     lines = "\n".join(look_at(case).lines)
-    assert "slides along its plane, normal [0, 0.6, 0.8], held" in lines
+    assert "slides along its plane, normal [0, 0.6, 0.8], fixed" in lines
     slopes = sliding_points(problem)
     assert slopes is not None
     # On the clamped root and floor nothing slides any more.

@@ -25,10 +25,10 @@ STUB = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from palpate.validation.live.verdict import SAME_MESH, TRUTH, Answer, say
+from palpate.validation.live.verdict import SAME_MESH, TRUTH, PoseVerdict, say
 case, pose = map(Path, sys.argv[1:])
 told = [{"name": "Green strain", "verdict": "passed", "checks": ["displacement_l2 passed"]}] * 2
-answer = Answer(told, np.array([[0.0, 1e-3], [np.nan, np.nan]]))
+answer = PoseVerdict(told, np.array([[0.0, 1e-3], [np.nan, np.nan]]))
 say(case, SAME_MESH, answer, np.array([0, 1]))
 """
 

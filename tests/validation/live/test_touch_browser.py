@@ -25,7 +25,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from palpate.validation.case import load_case
-from palpate.validation.live.verdict import SAME_MESH, Answer, say
+from palpate.validation.live.verdict import SAME_MESH, PoseVerdict, say
 case, pose = map(Path, sys.argv[1:])
 given = np.load(pose)
 print("solving", flush=True)
@@ -33,7 +33,7 @@ length = np.linalg.norm(given["displacement"], axis=2)
 told = [{"name": str(n), "verdict": v, "checks": ["displacement_l2 " + v]}
         for n, v in zip(given["names"], ["failed", "passed"])]
 used = np.unique(load_case(case).problem.mesh.boundary_facets)
-say(case, SAME_MESH, Answer(told, length), used)
+say(case, SAME_MESH, PoseVerdict(told, length), used)
 sys.exit("a cell would invert")
 """
 

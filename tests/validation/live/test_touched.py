@@ -79,7 +79,7 @@ def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving: Serving) -> N
         assert grip is not None
         assert heads[-1]["grip"] == pytest.approx([2.0, 0.5, 3.0])
         live = simulation.live
-        still = {**live.data, "spring": [grip.held()]}
+        still = {**live.data, "spring": [grip.static_table()]}
         still.pop("tool")
         statics = dataclasses.replace(problem_of(live.case, still), time=None)
         for number, strain in enumerate((Strain.LINEAR, Strain.GREEN)):

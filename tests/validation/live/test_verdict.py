@@ -67,7 +67,7 @@ def test_a_settled_pose_is_that_of_the_same_mesh_and_a_spoiled_one_is_not(
     references = same_mesh_references(case, panes, lambda _: None)
     assert not references.failures
     answer = judge_panes(SAME_MESH, case, panes, references)
-    assert [pane["verdict"] for pane in answer.told] == ["passed", "passed"]
+    assert [pane["verdict"] for pane in answer.reports] == ["passed", "passed"]
     sizes = [np.linalg.norm(pane.displacement, axis=1).max() for pane in panes]
     assert (answer.errors.max(axis=1) < 0.005 * np.array(sizes)).all()
     # The colours of the page: an error where the tool acts.
@@ -77,10 +77,10 @@ def test_a_settled_pose_is_that_of_the_same_mesh_and_a_spoiled_one_is_not(
             PoseOfPane(p.name, p.strain, p.element, factor * p.displacement, p.force) for p in panes
         ]
         answer = judge_panes(SAME_MESH, case, spoiled, references)
-        assert [pane["verdict"] for pane in answer.told] == ["failed", "failed"]
+        assert [pane["verdict"] for pane in answer.reports] == ["failed", "failed"]
     soft = [PoseOfPane(p.name, p.strain, p.element, p.displacement, 1.05 * p.force) for p in panes]
     answer = judge_panes(SAME_MESH, case, soft, references)
-    assert [pane["verdict"] for pane in answer.told] == ["failed", "failed"]
+    assert [pane["verdict"] for pane in answer.reports] == ["failed", "failed"]
 
 
 def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
@@ -102,7 +102,9 @@ def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
             pane.advance(away, np.array(case.spec.units.place((x, y, z))), live.clock.steps)
         settling.note([pane.displacement for pane in panes])
     nothing = [np.zeros(3)] * len(panes)
-    path, answers = write_pose(live, live.start, panes, nothing, grip.held(), folder, "held")
+    path, answers = write_pose(
+        live, live.start, panes, nothing, grip.static_table(), folder, "held"
+    )
     return load_case(path), read_pose(answers)
 
 
@@ -110,17 +112,17 @@ def test_a_drag_reaches_the_truth_which_tells_good_from_bad(tmp_path: Path) -> N
     case, panes = dragged(tmp_path)
     known = same_mesh_references(case, panes, lambda _: None)
     answer = judge_panes(SAME_MESH, case, panes, known)
-    assert [pane["verdict"] for pane in answer.told] == ["passed"] * 3
+    assert [pane["verdict"] for pane in answer.reports] == ["passed"] * 3
     # Also from a spoiled pose the reference comes to what is right.
     spoiled = [replace(pane, displacement=1.02 * pane.displacement) for pane in panes]
     led = same_mesh_references(case, spoiled, lambda _: None)
     answer = judge_panes(SAME_MESH, case, spoiled, led)
-    assert [pane["verdict"] for pane in answer.told] == ["failed"] * 3
+    assert [pane["verdict"] for pane in answer.reports] == ["failed"] * 3
     found = true_references(case, panes, known, lambda _: None)
     assert found.bars["displacement_l2", Strain.GREEN] <= 0.01
     # Linear tetrahedra on 90 cells are off by more than is asked, and the truth itself is not.
     answer = judge_panes(TRUTH, case, panes, found)
-    assert [pane["verdict"] for pane in answer.told[:2]] == ["failed", "failed"]
+    assert [pane["verdict"] for pane in answer.reports[:2]] == ["failed", "failed"]
     truth = found.truth(Strain.GREEN)
     assert truth is not None
     right = replace(panes[1], displacement=truth.displacement)

@@ -70,11 +70,11 @@ def test_what_lies_between_supports_is_not_the_thickness() -> None:
     problem = load_case("csm1").problem
     flat = measure_thickness(problem.mesh)
     assert (flat.length, flat.num_cells) == (pytest.approx(0.005), pytest.approx(1.0))
-    found = measure_thickness(problem.mesh, held=held_facets(problem))
+    found = measure_thickness(problem.mesh, fixed=held_facets(problem))
     assert (found.length, found.num_cells) == (pytest.approx(0.02), pytest.approx(4.0))
     # Where everything is held, it is as thick as it is.
     boundary = problem.mesh.boundary_facets
-    assert measure_thickness(problem.mesh, held=boundary) == flat
+    assert measure_thickness(problem.mesh, fixed=boundary) == flat
 
 
 @pytest.mark.parametrize("slenderness", [1, 2, 4])
@@ -114,7 +114,7 @@ def test_a_body_thin_for_its_mesh_is_told_before_solving(
 def test_built_in_cases_that_bend_miss_no_more_than_the_rule_says(case: str, least: float) -> None:
     """A bound is 1.02 times what was measured (expected.toml); meshes and loads are no bricks."""
     problem = load_case(case).problem
-    through = measure_thickness(problem.mesh, held=held_facets(problem))
+    through = measure_thickness(problem.mesh, fixed=held_facets(problem))
     for element, word in ((Element.LINEAR, ""), (Element.SMOOTHED, ", smoothed")):
         candidate = "fastsim (smoothed)" if word else "fastsim"
         bound = read_expected()[case][candidate].regression_bound
@@ -200,7 +200,7 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
         ("force = [60.0, 20.0, -10.0]", "force = [-4000.0, 0.0, 0.0]", "inside out"),
         ("edge_length = 0.5", "edge_length = 1.0", "through the thickness"),
         ("poissons_ratio = 0.3", "poissons_ratio = 0.49", "lock"),
-        ("point = [1.999, 0.0, 0.0]", "point = [-0.1, 0.0, 0.0]", "held; that part is lost"),
+        ("point = [1.999, 0.0, 0.0]", "point = [-0.1, 0.0, 0.0]", "fixed; that part is lost"),
         ("[geometry]", '[units]\nlength = "mm"\n[geometry]', "is its file really in mm"),
         ("[material]", "[time]\nend_time = 1.0\ntime_step = 0.9\n[material]", "will blow up"),
     ],
