@@ -28,7 +28,7 @@ def version_lines() -> list[str]:
         f"core {_core.__version__}, {_core.widest_instruction_set().name}",
         f"Python {python}, numpy {numpy}, {platform.system()} {platform.machine()}",
         f"FEniCSx: {fenicsx if availability.is_available() else 'not installed'}",
-        *(f"extra {extra}: {told}" for extra, told in extras().items()),
+        *(f"extra {extra}: {packages}" for extra, packages in extras().items()),
     ]
 
 
@@ -43,11 +43,11 @@ def extras() -> dict[str, str]:
         extra = re.search(r"extra\s*==\s*['\"](.+?)['\"]", requirement)
         name = re.match(r"[\w.-]+", requirement)
         if extra and name:
-            found.setdefault(extra[1], []).append(_told(name[0]))
+            found.setdefault(extra[1], []).append(_installed(name[0]))
     return {extra: ", ".join(packages) for extra, packages in found.items()}
 
 
-def _told(package: str) -> str:
+def _installed(package: str) -> str:
     try:
         return f"{package} {metadata.version(package)}"
     except metadata.PackageNotFoundError:

@@ -357,7 +357,7 @@ def _require_builtin(cases: Sequence[Case]) -> None:
     if own:
         raise InputError(
             f"--expected is about built-in cases, and {', '.join(own)} is not one; what changed "
-            "since a result that you accepted is told by `palpate compare-runs`"
+            "since a result that you accepted is reported by `palpate compare-runs`"
         )
 
 

@@ -45,7 +45,8 @@ def mesh(
     mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
     unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
     repair: Annotated[
-        bool, typer.Option(help="close holes, mend what cuts itself, turn, merge; each is told")
+        bool,
+        typer.Option(help="close holes, repair what cuts itself, turn, merge; each is reported"),
     ] = False,
     repair_distance: Annotated[
         float | None, typer.Option(help="how far that may move it; two mean edges if not given")
@@ -71,7 +72,7 @@ def mesh(
     ] = None,
     material: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="E [Pa], nu, density [kg/m3]: the time step is told for it"),
+        typer.Option(help="E [Pa], nu, density [kg/m3]: the time step is reported for it"),
     ] = None,
     target_step: Annotated[
         float | None, typer.Option(help="time step that explicit runs want, in seconds")

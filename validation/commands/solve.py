@@ -165,7 +165,7 @@ def audit(
 def _audited(
     result: Path | None, simulator: Simulator | None, element: Element | None
 ) -> Candidate:
-    """A file, or the condensed model's answer by linear strain, whatever it is held against."""
+    """A file, or the condensed model's answer by linear strain, whatever it is compared with."""
     from palpate.validation.candidates.candidate import linear_candidate, result_candidate
 
     if (result is None) == (simulator is None):

@@ -191,11 +191,11 @@ def touch(
 
     loaded = load_case(case)
     progress_lines()(f"reading and meshing {loaded.name}")
-    hand = Touch(tool_table(loaded, tool, radius), loads, damping, is_condensed(engine))
+    touched = Touch(tool_table(loaded, tool, radius), loads, damping, is_condensed(engine))
     elements = (Elements.LINEAR if element is None else element).each
-    if hand.is_condensed:
+    if touched.is_condensed:
         progress_lines()(condensed_words(loaded.problem, elements[0]))
-    server = PageServer(loaded, hand, elements, folder=output, patience=wait, port=port)
+    server = PageServer(loaded, touched, elements, folder=output, patience=wait, port=port)
 
     ends = "Ctrl-C ends it."
     if math.isfinite(wait):

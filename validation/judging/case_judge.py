@@ -166,9 +166,9 @@ class CaseJudge:
         is_truth = spec.against == "truth" and references.truth(strain) is not None
         if is_truth and self._reference(spec) is None:
             called = case_name(self.case)
-            kept = "stresses" if spec.about.read is None else "stresses and energy"
+            asked = "stresses" if spec.about.read is None else "stresses and energy"
             return (
-                f"the stored truth of this case was not asked for {kept} in this part: build it "
+                f"the stored truth of this case was not asked for {asked} in this part: build it "
                 f"anew with `palpate reference build {called}` where FEniCSx is installed, then "
                 f"`palpate reference accept {called} --reason TEXT`"
             )

@@ -57,7 +57,7 @@ class Budget:
         candidate: Name of who is judged, with its strain measure.
         value: The candidate's.
         truth: The best there is.
-        terms: By cause; None where a cause does not apply or cannot be told.
+        terms: By cause; None where a cause does not apply or is not known.
     """
 
     quantity: str
@@ -337,5 +337,5 @@ def _name(state: State) -> str:
 
 
 def _number(term: Points | None, k: int) -> float | None:
-    """NaN where what it would be told by is missing."""
+    """None where what it would be computed from is missing."""
     return None if term is None or np.isnan(term[k]) else float(term[k])

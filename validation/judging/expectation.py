@@ -99,8 +99,8 @@ def with_results(expected: Expected, results: Sequence[CaseResult]) -> Expected:
                 name: float(f"{max(_SLACK * value, _LEAST):.3g}")
                 for name, value in errors_of(result, judged).items()
             }
-            kept = _found(result, judged).model_copy(update={"regression_bound": bounds})
-            found.setdefault(result.name, {})[judged.name] = kept
+            found_now = _found(result, judged).model_copy(update={"regression_bound": bounds})
+            found.setdefault(result.name, {})[judged.name] = found_now
     return found
 
 
@@ -114,13 +114,13 @@ def expected_toml(expected: Expected) -> str:
     )
 
 
-def _table(place: str, each: Expectation) -> Iterator[str]:
-    yield f'\n[{place}]\nverdict = "{each.verdict}"\n'
+def _table(key: str, each: Expectation) -> Iterator[str]:
+    yield f'\n[{key}]\nverdict = "{each.verdict}"\n'
     for word, names in (("failed", each.failed), ("inconclusive", each.inconclusive)):
         if names:
             yield "".join([f"{word} = [\n", *(f'  "{name}",\n' for name in names), "]\n"])
     if each.regression_bound:
-        yield f"\n[{place}.regression_bound]\n"
+        yield f"\n[{key}.regression_bound]\n"
         yield from (f'"{name}" = {bound:.3g}\n' for name, bound in each.regression_bound.items())
 
 

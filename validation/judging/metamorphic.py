@@ -82,11 +82,11 @@ def judge_relations(case: Case, candidate: Candidate, progress: Progress) -> Cas
 def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
     """A law that is not isotropic breaks the turn, and none of `_OF_ANY_LAW`."""
     values = {check.metric: check.value for check in checks}
-    kept = [values[name] for name in _OF_ANY_LAW]
+    others = [values[name] for name in _OF_ANY_LAW]
     broken = values[_TURNED]
-    if broken is None or None in kept:
+    if broken is None or None in others:
         return ()
-    found = turned_otherwise(max(value for value in kept if value is not None), broken)
+    found = turned_otherwise(max(value for value in others if value is not None), broken)
     if not found.fits:
         return ()
     about = checks[0]

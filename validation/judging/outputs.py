@@ -218,8 +218,8 @@ def side_by_side(results: Sequence[CaseResult]) -> tuple[list[str], list[list[st
         found = [errors_of(result, judged) for judged in result.candidates]
         for name, *values in zip(found[0], *(errors.values() for errors in found), strict=True):
             check = checks.get(name)
-            told = [None, None] if check is None else [check.reference_error, check.limit]
-            shown = (_percent(value) for value in (*values, *told))
+            bar_and_limit = [None, None] if check is None else [check.reference_error, check.limit]
+            shown = (_percent(value) for value in (*values, *bar_and_limit))
             rows.append([result.name, name, *shown])
     return columns, rows
 

@@ -25,7 +25,7 @@ _AGAINST = {"same_mesh": "same mesh", "candidate": "own"}
 class Scope(StrEnum):
     """How far a result reaches; the furthest of its checks.
 
-    TRUTH: held against the converged reference, or a published number.
+    TRUTH: compared with the converged reference, or a published number.
     SAME_MESH: against the reference on the same mesh only: it may be as far from the continuum as
         its mesh is coarse.
     OWN: against no reference: by itself, or by another simulator.
@@ -65,11 +65,11 @@ class CheckResult:
         unit: "-" or a unit.
         reference_error: The reference's own error bar, in the units of `value`.
         bar_parts: What that bar is made of, by name, in its units; `geometry` stands beside the
-            whole but where the truth is held against a published number: see `BarParts`.
+            whole but where the truth is compared with a published number: see `BarParts`.
         is_vacuous: Whether an answer in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
         element: What the tetrahedra of the judged answer are; linear where it is the truth that
-            is held against a number.
+            is compared with a number.
     """
 
     metric: str
@@ -113,10 +113,10 @@ class CheckResult:
         parts = BarParts(**self.bar_parts)
         everything = parts.whole + parts.geometry
         counts = math.isclose(everything, self.reference_error, rel_tol=_SUMS)
-        told = [parts.says(with_geometry=counts)]
+        words = [parts.says(with_geometry=counts)]
         if parts.geometry and not counts:
-            told.append(f"beside it: geometry {parts.geometry:.2g}")
-        return "; ".join(filter(None, told))
+            words.append(f"beside it: geometry {parts.geometry:.2g}")
+        return "; ".join(filter(None, words))
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class CaseResult:
 
     @property
     def scope(self) -> Scope:
-        """What the candidate was held against; what was skipped does not count."""
+        """What the candidate was compared with; what was skipped does not count."""
         reached = {check.scope for check in self.checks if check.verdict is not Verdict.SKIPPED}
         return next((scope for scope in Scope if scope in reached), Scope.OWN)
 
@@ -191,7 +191,7 @@ class CaseResult:
     def tone(self) -> str:
         """Whose colour the verdict is shown in, everywhere: its own, or "narrow".
 
-        Green is kept for what was held against the truth; what passed without is narrow.
+        Green is reserved for what was compared with the truth; what passed without is narrow.
         """
         is_narrow = self.verdict is Verdict.PASSED and self.scope is not Scope.TRUTH
         return "narrow" if is_narrow else str(self.verdict)

@@ -28,7 +28,7 @@ from palpate.validation.states import ExitCode
 _QUIET = 1e-6
 # From good to bad: a verdict further on is worse. A skipped check says nothing.
 _RANK = {"passed": 0, "skipped": 1, "inconclusive": 2, "failed": 3}
-# What is told first.
+# What stands first in a table.
 _ORDER = ("worse", "gone", "larger error", "changed", "new", "better", "smaller error")
 
 
@@ -161,8 +161,8 @@ class RunComparison:
         rows = [("case", "check", first, second, "change"), ("---",) * 5]
         rows += [pair.cells for pair in self.changed]
         lines = [f"| {' | '.join(map(for_markdown, row))} |" for row in rows]
-        told = [*lines, ""] if self.changed else []
-        return "\n".join([*told, *map(for_markdown, self.remarks)]) + "\n"
+        table = [*lines, ""] if self.changed else []
+        return "\n".join([*table, *map(for_markdown, self.remarks)]) + "\n"
 
 
 def compare_runs(first: str | Path, second: str | Path) -> RunComparison:

@@ -4,7 +4,7 @@ Each fault is tried on a case that can see it: mass and damping on one that move
 lopsided loads, Lamé's parameters where Poisson's ratio is far from 0.25.
 
 And which metric sees which fault: a case is judged by one metric only, for each metric of the
-catalogue, and the candidate's answer is spoiled by every fault that can show there. A metric that
+catalogue, and the candidate's answer is corrupted by every fault that can show there. A metric that
 no realistic fault turns red would be an ornament.
 """
 
@@ -105,8 +105,8 @@ def run_self_test(
     Args:
         progress: Called with one line for each trial.
         cases: Where the faults are tried, each that can show there; the built-in trials, with the
-            table of metrics by faults and spoiled references, where there are none.
-        candidate: Whose answers are spoiled; fastsim's where None.
+            table of metrics by faults and corrupted references, where there are none.
+        candidate: Whose answers are corrupted; fastsim's where None.
     """
     judged = candidate or fastsim_candidate()
     if cases:
@@ -127,13 +127,13 @@ def run_self_test(
     for fault, case in trials:
         check = _try(fault, case, judged, healthy[case.name])
         if not cases and check.verdict is Verdict.SKIPPED:
-            # Chosen because it shows there: an answer that stays the same was not spoiled.
+            # Chosen because it shows there: an answer that stays the same was not corrupted.
             check = replace(check, verdict=Verdict.FAILED)
         word = {Verdict.PASSED: "caught", Verdict.SKIPPED: "cannot show"}.get(check.verdict)
         progress(f"{fault}, {case.name}: {word or 'NOT caught'}")
         checks.append(check)
     if not cases:
-        checks += [_spoil_references(word, progress) for word in REFERENCE_FAULTS]
+        checks += [_try_references(word, progress) for word in REFERENCE_FAULTS]
         checks += [_row_check(row) for row in table]
     first = next(iter(healthy.values()))
     verdict = gravest([check.verdict for check in checks])
@@ -170,7 +170,7 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
 
 
 def _red(result: CaseResult) -> set[tuple[int, str]]:
-    """Checks that failed, by place and name: what a fault adds to them has caught it."""
+    """Checks that failed, by number and name: what a fault adds to them has caught it."""
     return {
         (number, check.name)
         for number, check in enumerate(result.checks)
@@ -179,10 +179,10 @@ def _red(result: CaseResult) -> set[tuple[int, str]]:
 
 
 def _is_healthy(result: CaseResult) -> bool:
-    """Whether the equations are kept: on the same mesh nothing fails, and something passes there.
+    """Whether the equations are satisfied: on the same mesh nothing fails, and something passes.
 
-    What an element misses of the truth is told by the gate itself, and is no fault of the solver.
-    A case without checks on the same mesh must pass, or fail as it is known to.
+    What an element misses of the truth is reported by the gate itself, no fault of the solver. A
+    case without checks on the same mesh must pass, or fail as it is known to.
     """
     on_mesh = [check.verdict for check in result.checks if check.against == "same_mesh"]
     if not on_mesh:
@@ -206,9 +206,9 @@ def _is_same(one: CaseResult, other: CaseResult) -> bool:
     )
 
 
-def _spoil_references(word: str, progress: Progress) -> CheckResult:
+def _try_references(word: str, progress: Progress) -> CheckResult:
     case = load_case(_CASE_OF_REFERENCES)
-    with _spoiled_references(word):
+    with _corrupted_references(word):
         try:
             message, is_caught = f"NOT caught: {judge_case(case).verdict}", False
         except InputError as error:
@@ -240,7 +240,7 @@ def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
 
 
 @contextmanager
-def _spoiled_references(word: str) -> Iterator[None]:
+def _corrupted_references(word: str) -> Iterator[None]:
     """Stored references that are missing, another case's, cut off, halved, or of version 0.1."""
     own, name = references_folder(), f"{_CASE_OF_REFERENCES}.npz"
     with scratch_folder("self-test") as folder:
@@ -291,10 +291,10 @@ def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
         rows += _rows(kind, case, given, list(_specs(case, is_own=is_own)))
     for kind, name in PUBLISHED_CASES:
         progress(f"metrics alone, published numbers: {name}")
-        told, case = {row.metric for row in rows}, load_case(name)
+        known, case = {row.metric for row in rows}, load_case(name)
         firsts: dict[str, CheckSpec] = {}
         for spec in case.checks:
-            if spec.about.is_published and spec.against == "candidate" and spec.metric not in told:
+            if spec.about.is_published and spec.against == "candidate" and spec.metric not in known:
                 firsts.setdefault(spec.metric, spec)
         rows += _rows(kind, case, candidate, list(firsts.values()))
     return rows
@@ -333,7 +333,7 @@ def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -
 def _answer(
     case: Case, candidate: Candidate, fault: Fault, strain: Strain
 ) -> tuple[State | None, str]:
-    """The spoiled answer; nothing where the fault cannot show, or its answer is refused."""
+    """The corrupted answer; nothing where the fault cannot show, or its answer is refused."""
     try:
         return with_fault(candidate, fault).solve(case.problem, strain, in_silence), ""
     except InputError:
@@ -359,13 +359,13 @@ def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
 
 
 def _spec(metric: str, against: str, limit: float) -> CheckSpec:
-    told = {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
+    keys = {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
     about = CATALOGUE[metric]
     if about.is_of_surface:
-        told["support"] = 1
+        keys["support"] = 1
     elif about.of_part is not None:
-        told["region"] = _EVERYWHERE
-    return CheckSpec.model_validate(told)
+        keys["region"] = _EVERYWHERE
+    return CheckSpec.model_validate(keys)
 
 
 def _row_check(row: MetricRow) -> CheckResult:
@@ -389,7 +389,7 @@ def table_lines(rows: list[MetricRow]) -> list[str]:
     if not rows:
         return []
     faults = [fault for fault in Fault if fault not in _NOT_TELLING]
-    marks = [chr(ord("a") + place) for place in range(len(faults))]
+    marks = [chr(ord("a") + number) for number in range(len(faults))]
     width = max(len(f"{row.metric}, {row.kind}") for row in rows)
     lines = ["Which metric alone sees which fault (x: red, .: let pass, blank: cannot show there):"]
     lines += [f"  {m}  {fault}: {fault.meaning}" for m, fault in zip(marks, faults, strict=True)]

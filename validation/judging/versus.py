@@ -1,6 +1,6 @@
 """Two candidates on one case, compared with each other: no reference, and limits by the user.
 
-Two simulators, or one on two machines, devices or precisions. Differences are told by metric,
+Two simulators, or one on two machines, devices or precisions. Differences are reported by metric,
 relative to the second one's answer; nothing says which of the two is right.
 """
 
@@ -39,7 +39,7 @@ from palpate.validation.versions import version_of
 
 # What such a check goes against, in results.
 VERSUS = "versus"
-# In the place of a command line.
+# Instead of a command line.
 FASTSIM = "fastsim"
 
 
@@ -125,7 +125,7 @@ def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Ca
 
     Args:
         command: "mysim {case} {result}"; "fastsim" is its compiled core with the candidate's
-            element, so that it is held against itself on another device.
+            element, so that it is compared with itself on another device.
         time_limit: Of a program [s].
         candidate: The first.
 
@@ -230,7 +230,7 @@ def _check(
     failure: str,
     of: str,
 ) -> CheckResult:
-    """One metric; `of` names the second, whose parts the difference is told in."""
+    """One metric; `of` names the second, whose parts the difference is."""
     has_limit = asked.limit < math.inf
     check = CheckResult(
         metric=asked.metric,
