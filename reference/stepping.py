@@ -209,7 +209,7 @@ class SteppedBody(MovingBody):
     def step_by_central_differences(
         self, state: State, tools: SteppedTools, step: int, dt: float
     ) -> State:
-        """A step by the recurrence above; its velocity is that since the state before."""
+        """A step by the recurrence above (eq. 12); its velocity is that since the state before."""
         assert state.before is not None
         now, before, end = state.u, state.before.u, (step + 1) * dt
         half, force = 0.5 * self.damping * dt, self.force(now, before, step * dt)
@@ -224,7 +224,7 @@ class SteppedBody(MovingBody):
         integrator: Integrator,
         dt: float,
     ) -> State:
-        """The state at time 0: at rest and still, where nothing else is given."""
+        """The state at time 0, central differences with that before it (eq. 13); still unless given."""
         u, v = self.start(displacement, velocity)
         v[self.held] = 0.0
         is_central = integrator is Integrator.CENTRAL_DIFFERENCES

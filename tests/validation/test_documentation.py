@@ -76,7 +76,7 @@ def test_labels_are_read_as_they_are_written() -> None:
 
 
 def test_lines_and_sources_are_those_of_the_files() -> None:
-    strain = find("reference/kinematics.py green_lagrange_strain")
+    strain = find("reference/laws.py green_lagrange_strain")
     lines = (ROOT / strain.path).read_text("utf-8").splitlines()
     assert lines[strain.first - 1].startswith("def green_lagrange_strain(")
     assert strain.source() == "\n".join(lines[strain.first - 1 : strain.last])
@@ -87,7 +87,7 @@ def test_lines_and_sources_are_those_of_the_files() -> None:
     assert body.source().startswith("Matrix3 strain_tensor(")
     assert body.source().endswith("return e;\n}")
     with pytest.raises(LookupError, match="defines no green_strain"):
-        find("reference/kinematics.py green_strain")
+        find("reference/laws.py green_strain")
 
 
 def test_the_page_has_a_row_and_a_heading_for_each() -> None:
