@@ -224,7 +224,7 @@ class SteppedBody(MovingBody):
         integrator: Integrator,
         dt: float,
     ) -> State:
-        """The state at time 0, central differences with that before it (eq. 13); still unless given."""
+        """The state at time 0, and by central differences that a step before (eq. 13)."""
         u, v = self.start(displacement, velocity)
         v[self.held] = 0.0
         is_central = integrator is Integrator.CENTRAL_DIFFERENCES
