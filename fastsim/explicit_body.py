@@ -13,12 +13,10 @@ from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import TOOL_RECORD, ExplicitTools
-from palpate.fastsim.equation_of_motion import EquationOfMotion
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.explicit_loads import ExplicitLoads
+from palpate.fastsim.explicit_loads import ExplicitLoads, ExplicitSprings
 from palpate.fastsim.explicit_run import make_run
-from palpate.fastsim.explicit_springs import ExplicitSprings
-from palpate.fastsim.explicit_state import ExplicitState
+from palpate.fastsim.explicit_state import EquationOfMotion, ExplicitState
 from palpate.fastsim.explicit_time_step import bound_step, critical_with_springs, divided
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError

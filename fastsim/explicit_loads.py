@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Sequence
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim.amplitudes import Amplitudes, Histories
 from palpate.fastsim.explicit_run import ExplicitRun
-from palpate.fastsim.explicit_springs import ExplicitSprings
 from palpate.fastsim.forces import external_force
-from palpate.fastsim.moving_supports import MovingSupports
-from palpate.fastsim.supports import HeldPoints
-from palpate.meshes.arrays import Floats, Points
+from palpate.fastsim.springs import PatchSprings
+from palpate.fastsim.supports import HeldPoints, SlantedPoints, turning
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.spring import Spring
 
 
 class ExplicitLoads:
@@ -131,3 +135,241 @@ class ExplicitLoads:
 
     def _alone(self, load: Load) -> Problem:
         return Problem(self._problem.mesh, self._problem.material, (), (load,))
+
+
+class MovingSupports:
+    """What supports do over time, as the core takes it: sums of factors times values.
+
+    Args:
+        problem: Its supports.
+        supports: What they hold.
+        histories: Their factors over time.
+
+    Attributes:
+        is_free: 1 where free along x, y or z, shape (num_points, 3); points that slide are free.
+        slides: Points that slide along one or two slanted walls, with their directions (n, 6),
+            where they are held along these (n, 2) and the histories (n, 2), -1 for none; None
+            where nothing slides.
+
+    Raises:
+        InputError: A component that two supports move in different ways.
+    """
+
+    def __init__(self, problem: Problem, supports: HeldPoints, histories: Histories) -> None:
+        self._problem, self._supports, self._histories = problem, supports, histories
+        full = supports.at(1.0)
+        self._require_one_way(full)
+        self.is_free = supports.is_free.copy()
+        self._values = [np.zeros_like(full) for _ in range(3)]
+        self._numbers = [np.full(full.shape, -1, dtype=np.int32) for _ in range(3)]
+        for number, support in enumerate(problem.supports):
+            mine = supports.held_by(number)
+            points = np.flatnonzero(mine.any(axis=1))
+            fields = [(np.broadcast_to(support.displacement, (len(points), 3)), 0)]
+            if support.rotation is not None:
+                across, inward = turning(support.rotation, problem.mesh.points[points])
+                fields += [(across, 1), (inward, 2)]
+            for field, term in fields:
+                self._add(term, points, mine[points], field, self._history(number, term))
+        self.slides: tuple[NDArray[np.int32], Floats, Floats, NDArray[np.int32]] | None = None
+        if supports.slanted is not None:
+            self._add_slanted(supports.slanted, full)
+
+    def terms(self) -> tuple[Points, NDArray[np.int32]]:
+        """Values and histories of each term, one below the other; one where one will do."""
+        count = 1 + max((k for k in (1, 2) if (self._numbers[k] >= 0).any()), default=0)
+        return np.vstack(self._values[:count]), np.vstack(self._numbers[:count])
+
+    def _history(self, support: int, term: int) -> int:
+        if term == 0:
+            return self._histories.of_support[support]
+        turns = self._histories.of_turn[support]
+        assert turns is not None
+        return turns[term - 1]
+
+    def _add(
+        self, term: int, points: Indices, mine: NDArray[np.bool_], values: Points, history: int
+    ) -> None:
+        # What is held at zero never moves, whatever its factor: nothing to step.
+        moves = mine & (values != 0.0)
+        self._values[term][points] = np.where(moves, values, self._values[term][points])
+        self._numbers[term][points] = np.where(moves, history, self._numbers[term][points])
+
+    def _add_slanted(self, slanted: SlantedPoints, full: Points) -> None:
+        """Points held along all directions move as others do; the rest slide."""
+        history = np.array([self._history_of(slanted, k) for k in range(len(slanted.points))])
+        whole = slanted.rank == 3
+        points = slanted.points[whole]
+        self.is_free[slanted.points] = ~whole[:, None]
+        values = self._supports.to_global(full)[points]
+        everywhere = np.ones(3, dtype=bool)
+        for point, value, number in zip(points, values, history[whole], strict=True):
+            self._add(0, np.array([point]), everywhere[None], value[None], int(number))
+        rows = ~whole
+        held = np.arange(2) < slanted.rank[rows, None]
+        self.slides = (
+            np.ascontiguousarray(slanted.points[rows]),
+            np.ascontiguousarray(slanted.axes[rows, :2].reshape(-1, 6)),
+            np.ascontiguousarray(np.where(held, full[slanted.points[rows], :2], 0.0)),
+            np.where(held, history[rows, None], -1).astype(np.int32),
+        )
+
+    def _history_of(self, slanted: SlantedPoints, k: int) -> int:
+        """The one history by which a slanted point's supports move it; 0 where none does."""
+        supports = [int(s) for s in slanted.supports[k] if s >= 0]
+        moving = {s for s in supports if self._problem.supports[s].is_moved}
+        found = {self._histories.of_support[s] for s in moving}
+        is_turned = any(self._problem.supports[s].rotation is not None for s in moving)
+        if len(found) > 1 or is_turned:
+            raise InputError(
+                f"point {int(slanted.points[k])} is held along a slanted normal and by a support "
+                "that turns or has another amplitude; separate the supports"
+            )
+        return found.pop() if found else 0
+
+    def _require_one_way(self, full: Points) -> None:
+        """A component that two supports move goes by one amplitude and one rotation."""
+        by = np.full(full.shape, -1)
+        supports = self._problem.supports
+        keys = [
+            (history, support.rotation)
+            for history, support in zip(self._histories.of_support, supports, strict=True)
+        ]
+        kinds = [keys.index(key) for key in keys]
+        for support, kind in zip(supports, kinds, strict=True):
+            points = support.points
+            for axis in np.flatnonzero(support.components) if support.normal is None else ():
+                clash = points[(by[points, axis] >= 0) & (by[points, axis] != kind)]
+                clash = clash[full[clash, axis] != 0.0]
+                if clash.size:
+                    raise InputError(
+                        f"point {int(clash[0])} is held along {'xyz'[axis]} by two supports with "
+                        "different amplitudes; separate the supports"
+                    )
+                by[points, axis] = kind
+
+
+# Of each spring: the factor on its stiffness, and its anchor's displacement.
+_COLUMNS = 4
+
+
+class ExplicitSprings:
+    """The springs of a run, which may come, go and be driven between its steps.
+
+    Args:
+        points: Of the mesh at rest [m], shape (num_points, 3).
+        springs: Those of the problem.
+
+    Attributes:
+        springs: All that pull now, with the paths of those that are not driven.
+        patches: Their forces.
+    """
+
+    def __init__(self, points: Points, springs: tuple[Spring, ...]) -> None:
+        self._points = points
+        self.springs = springs
+        self.patches = PatchSprings(points, springs)
+        self._ways = [_ways_of(spring) for spring in springs]
+
+    def __len__(self) -> int:
+        return len(self.springs)
+
+    def attach(self, run: ExplicitRun, first_history: int) -> None:
+        """Give them to a run that has so many other histories."""
+        of_facet = self.patches.of_facet
+        run.set_springs(
+            self.patches.facets,
+            self.patches.stiffnesses,
+            (first_history + _COLUMNS * of_facet).astype(np.int32),
+        )
+
+    def rows(self, times: ArrayLike) -> Floats:
+        """Factors and displacements [m] at some times [s], shape (num_times, 4 num_springs)."""
+        given = np.asarray(times, dtype=np.float64).tolist()
+        columns = [[way(t) for t in given] for ways in self._ways for way in ways]
+        rows = np.array(columns, dtype=np.float64).reshape(_COLUMNS * len(self), len(given)).T
+        return np.ascontiguousarray(rows)
+
+    def at(self, time: float) -> tuple[Points, Floats]:
+        """Displacements of the anchors [m], (num_springs, 3), and factors, (num_springs,)."""
+        row = self.rows([time]).reshape(len(self), _COLUMNS)
+        return row[:, 1:], row[:, 0]
+
+    def force(self, displacement: Points, time: float) -> Points:
+        """On the body [N], shape (num_points, 3)."""
+        return self.patches.force(displacement, *self.at(time))
+
+    def resultants(self, displacement: Points, time: float) -> Points:
+        """Whole force of each on the body [N], shape (num_springs, 3)."""
+        return self.patches.resultants(displacement, *self.at(time))
+
+    def goal(self, number: int, displacement: ArrayLike) -> Floats:
+        """Where an anchor is to be sent [m], checked, shape (3,).
+
+        Raises:
+            InputError: There is no such spring, or this is no place.
+        """
+        if not 0 <= number < len(self):
+            raise InputError(f"spring number {number}: there are {len(self)}, from 0")
+        goal = np.array(displacement, dtype=np.float64)
+        if goal.shape != (3,) or not np.isfinite(goal).all():
+            raise InputError(
+                f"displacement = {goal.tolist()} of spring number {number}: needs 3 finite numbers"
+            )
+        return goal
+
+    def send(self, number: int, goal: Floats, start: float, end: float) -> None:
+        """Have an anchor go straight from where it is to a place in a span of time, and stay."""
+        factor, *ways = self._ways[number]
+        self._ways[number] = (factor, *map(_way_to, ways, goal.tolist(), [start] * 3, [end] * 3))
+
+    def anew(self) -> ExplicitSprings:
+        """The same, with their paths as they were at first."""
+        return ExplicitSprings(self._points, self.springs)
+
+    def with_spring(self, spring: Spring) -> ExplicitSprings:
+        """The same with one more, the last."""
+        more = ExplicitSprings(self._points, (*self.springs, spring))
+        more._ways[: len(self)] = self._ways
+        return more
+
+    def without_spring(self, number: int) -> ExplicitSprings:
+        """The same without one; those after it count one less."""
+        kept = [k for k in range(len(self)) if k != number]
+        fewer = ExplicitSprings(self._points, tuple(self.springs[k] for k in kept))
+        fewer._ways = [self._ways[k] for k in kept]
+        return fewer
+
+
+def pulling_at_once(springs: Sequence[Spring]) -> list[tuple[Spring, ...]]:
+    """Which springs pull together at some time, as stiff as they are then; none of it less.
+
+    Between the knots of linear amplitudes the largest frequency is at most that at one of them.
+    """
+    amplitudes = [s.amplitude or TabularAmplitude((0.0,), (1.0,)) for s in springs]
+    knots = sorted({time for amplitude in amplitudes for time in amplitude.times})
+    factors = np.unique([[amplitude(t) for amplitude in amplitudes] for t in knots], axis=0)
+    is_least = [
+        any((row <= other).all() and (row < other).any() for other in factors) for row in factors
+    ]
+    return [
+        tuple(
+            dataclasses.replace(spring, stiffness=factor * spring.stiffness, amplitude=None)
+            for spring, factor in zip(springs, row.tolist(), strict=True)
+            if factor > 0.0
+        )
+        for row, is_less in zip(factors, is_least, strict=True)
+        if not is_less
+    ]
+
+
+_Way = Callable[[float], float]
+
+
+def _ways_of(spring: Spring) -> tuple[_Way, ...]:
+    factor = spring.amplitude or TabularAmplitude((0.0,), (1.0,))
+    return (factor, *spring.path.components())
+
+
+def _way_to(way: _Way, goal: float, start: float, end: float) -> _Way:
+    return TabularAmplitude((start, end), (way(start), goal))

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.gpu.devices import CORE, check_device
-from palpate.fastsim.gpu.errors import UnsupportedOnDeviceError
+from palpate.fastsim.gpu.devices import CORE, UnsupportedOnDeviceError, check_device
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem

@@ -16,14 +16,14 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.grading.sampled_sizes import grid_of_sizes
-from palpate.fastsim.grading.size_fields import SizeField
-from palpate.fastsim.surface_arrays import (
+from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
+from palpate.fastsim.surface_remesher import (
+    RemeshReport,
     compact_facets,
     mean_edge_length,
+    remesh_surface,
     require_no_self_intersection,
 )
-from palpate.fastsim.surface_remesher import RemeshReport, remesh_surface
 from palpate.meshes.arrays import Indices, Points, checked_points
 from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.shapes import require_positive

@@ -17,8 +17,14 @@ import numpy as np
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
-from palpate.fastsim.limit_point import SOFT, find_softening
-from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration, Newton, NewtonOutcome
+from palpate.fastsim.newton import (
+    MULTIGRID_FROM_POINTS,
+    SOFT,
+    Iteration,
+    Newton,
+    NewtonOutcome,
+    find_softening,
+)
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.rings import flip_to_delaunay, stitch_rings
-from palpate.meshes.shapes import require_positive
+from palpate.meshes.shapes import flip_to_delaunay, require_positive, stitch_rings
 from palpate.meshes.tri_surface import TriSurface
 
 # Table I of Yan, Gu et al. 2007: 332 889 mm3.

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from palpate.meshes.agreement import require_agreement, require_boundary_facets
 from palpate.meshes.arrays import Points, checked_indices
-from palpate.meshes.boundary_conditions import Load, Support
+from palpate.meshes.boundary_conditions import (
+    Load,
+    Support,
+    require_agreement,
+    require_boundary_facets,
+)
 from palpate.meshes.errors import InputError
-from palpate.meshes.material import Inclusion, Material
-from palpate.meshes.material_law import Law
+from palpate.meshes.material_law import Inclusion, Law, Material
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
@@ -23,7 +26,7 @@ from palpate.meshes.tet_mesh import TetMesh
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# Material and Inclusion too, of palpate.meshes.material: a problem is made of them.
+# Material and Inclusion too, of palpate.meshes.material_law: a problem is made of them.
 __all__ = [
     "Element",
     "Inclusion",

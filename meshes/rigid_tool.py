@@ -7,6 +7,7 @@ rotation @ place + position in space. Each simulator measures distances to the s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -291,3 +292,72 @@ def _between(start: Floats, end: Floats, s: float) -> Floats:
 def _require_size(what: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0.0):
         raise ToolError(f"{what} = {value:g}: needs a finite value above 0")
+
+
+def require_drive_of_statics(tools: Sequence[RigidTool]) -> None:
+    """Refuse a force on a tool that leaves no one equilibrium to look for.
+
+    Statics drive one tool, alone, along its line until the body takes the whole force; drag on the
+    way there would depend on the steps taken.
+
+    Args:
+        tools: All of a problem's.
+
+    Raises:
+        ToolError: A tool driven by a force beside others, or with friction; a force that does not
+            push.
+    """
+    for number, tool in enumerate(tools, start=1):
+        if tool.drive is None:
+            continue
+        driven = f"tool {number} is driven by"
+        if len(tools) > 1:
+            raise ToolError(f"{driven} a force, beside others: statics drive one tool, alone")
+        if tool.friction_coefficient > 0.0:
+            raise ToolError(
+                f"{driven} a force and has friction, whose drag depends on the way: statics drive "
+                "a tool without friction; set 0, or give a path"
+            )
+        if not tool.drive.force > 0.0:
+            raise ToolError(
+                f"{driven} {tool.drive.force:g} N: statics need a force above 0; turn the "
+                "direction round"
+            )
+
+
+# Straight pieces from one pose to the next: their jumps of speed are below 5 % of its largest.
+_PIECES = 64
+_STEP = TabularAmplitude((0.0, 1.0), (0.0, 1.0), is_smooth=True)
+
+
+def smooth_path(path: ToolPath) -> ToolPath:
+    """The same poses at the same times, with the speed of the smooth amplitude between them.
+
+    From pose to pose the part 10 s^3 - 15 s^4 + 6 s^5 of the way, s of the time, as knots that are
+    near enough to each other: so every simulator reads a path of straight pieces, whichever it
+    was made from.
+
+    Args:
+        path: Straight from pose to pose.
+
+    Returns:
+        A path with 64 pieces in the place of each, through the same poses.
+
+    >>> import numpy as np
+    >>> path = ToolPath(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+    >>> smooth_path(path).pose_at(0.25)[0].round(4).tolist()
+    [0.1035, 0.0, 0.0]
+    """
+    parts = np.arange(_PIECES) / _PIECES
+    steps = np.array([_STEP(float(s)) for s in parts])
+    times, along, rotations = [], [], []
+    for k, (begin, end) in enumerate(zip(path.times, path.times[1:], strict=False)):
+        times.append(begin + (end - begin) * parts)
+        start, way = path.positions[k], path.positions[k + 1] - path.positions[k]
+        along.append(start + steps[:, None] * way)
+        rotations += [path.quaternion_at(float(begin + (end - begin) * s)) for s in steps]
+    return ToolPath(
+        np.concatenate([*times, path.times[-1:]]),
+        np.concatenate([*along, path.positions[-1:]]),
+        np.array([*rotations, path.rotations[-1]]),
+    )

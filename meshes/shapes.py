@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.rings import stitch_rings
 from palpate.meshes.tri_surface import TriSurface
 
 GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0
@@ -154,3 +153,217 @@ def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSu
             facets += band if z else [[a, c, b] for a, b, c in band]
             outer = inner
     return TriSurface(np.vstack(points), np.array(facets))
+
+
+def stitch_rings(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> list[list[int]]:
+    """Triangulate the band between two closed rings that start at the same angle.
+
+    Both rings are evenly spaced and run counter-clockwise seen from above; the facets face
+    outwards of the band. Walks up both at once, each time closing the shorter diagonal.
+
+    Args:
+        lower: Point indices of the lower ring, at least 1 (1 makes a fan).
+        upper: Point indices of the upper ring, at least 1.
+    """
+    low, up = len(lower), len(upper)
+    facets: list[list[int]] = []
+    i = j = 0
+    while i < (low if low > 1 else 0) or j < (up if up > 1 else 0):
+        next_low, next_up = (i + 1) / low, (j + 1) / up
+        advance_low = low > 1 and i < low and (up == 1 or j >= up or next_low <= next_up)
+        if advance_low:
+            facets.append([int(lower[i % low]), int(lower[(i + 1) % low]), int(upper[j % up])])
+            i += 1
+        else:
+            facets.append([int(lower[i % low]), int(upper[(j + 1) % up]), int(upper[j % up])])
+            j += 1
+    return facets
+
+
+def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> Indices:
+    """Flip edges whose two opposite angles sum to more than pi, until none is left.
+
+    Raises the smallest angles; the surface stays closed, and no edge is made twice.
+    """
+    triangles = facets.astype(np.int64).copy()
+    for _ in range(max_passes):
+        directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        place = {(int(a), int(b)): k for k, (a, b) in enumerate(directed)}
+        cosines = _corner_cosines(points, triangles)
+        touched = np.zeros(len(triangles), dtype=bool)
+        flipped = 0
+        for (a, b), k in place.items():
+            if a > b:
+                continue
+            opposite = place[(b, a)]
+            (s, side), (t, other) = divmod(k, 3), divmod(opposite, 3)
+            if touched[s] or touched[t]:
+                continue
+            # Opposite angles alpha + beta > pi  <=>  cos alpha + cos beta < 0.
+            if cosines[s, (side + 2) % 3] + cosines[t, (other + 2) % 3] >= -1e-12:
+                continue
+            c = int(triangles[s, (side + 2) % 3])
+            d = int(triangles[t, (other + 2) % 3])
+            if (c, d) in place or (d, c) in place:
+                continue
+            triangles[s] = (c, a, d)
+            triangles[t] = (d, b, c)
+            touched[s] = touched[t] = True
+            flipped += 1
+        if flipped == 0:
+            break
+    result: Indices = triangles.astype(np.int32)
+    return result
+
+
+def _corner_cosines(points: Points, facets: NDArray[np.int64]) -> Floats:
+    """Cosine of the angle at each corner, shape (num_facets, 3)."""
+    corners = points[facets]
+    to_next = corners[:, [1, 2, 0]] - corners
+    to_last = corners[:, [2, 0, 1]] - corners
+    dots = np.einsum("ijk,ijk->ij", to_next, to_last)
+    cosines: Floats = dots / (
+        np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2) + np.finfo(float).tiny
+    )
+    return cosines
+
+
+Quad = tuple[int, int, int, int]
+
+
+def shape_hollow_sphere(radius: float, inner_radius: float, *, edge_length: float) -> TriSurface:
+    """A thick sphere about the origin: two spheres, the inner one turned inside out.
+
+    Args:
+        radius: Outer [m].
+        inner_radius: [m], below `radius`.
+        edge_length: Wanted mean edge length of both [m].
+
+    Raises:
+        InputError: A length that is not above 0, or no wall.
+    """
+    _require_wall(radius, inner_radius, edge_length)
+    outer = shape_sphere(radius, edge_length=edge_length)
+    inner = shape_sphere(inner_radius, edge_length=edge_length)
+    facets = np.vstack([outer.facets, inner.facets[:, ::-1] + len(outer.points)])
+    return TriSurface(np.vstack([outer.points, inner.points]), facets)
+
+
+def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: float) -> TriSurface:
+    """The eighth of a thick sphere with x, y, z >= 0, its flat faces on the planes x, y, z = 0.
+
+    With these faces sliding it is the whole sphere under any load of that symmetry.
+
+    Args:
+        radius: Outer [m].
+        inner_radius: [m], below `radius`.
+        edge_length: Wanted edge length [m]: the mean on the outer sphere, and across the wall.
+
+    Raises:
+        InputError: A length that is not above 0, or no wall.
+    """
+    _require_wall(radius, inner_radius, edge_length)
+    # n^2 triangles share pi R^2 / 2: equilateral ones of that density.
+    n = max(1, round(radius * math.sqrt(2.0 * math.pi / math.sqrt(3.0)) / edge_length))
+    layers = max(1, round((radius - inner_radius) / edge_length))
+    index: dict[tuple[int, int, int], int] = {}
+    points: list[Points] = []
+
+    def point(i: int, j: int, layer: int) -> int:
+        key = (i, j, layer)
+        if key not in index:
+            index[key] = len(points)
+            direction = np.array([n - i - j, i, j]) / math.hypot(n - i - j, i, j)
+            part = layer / layers
+            points.append(((1.0 - part) * inner_radius + part * radius) * direction)
+        return index[key]
+
+    facets: list[tuple[int, int, int]] = []
+    for i in range(n):
+        for j in range(n - i):
+            corners = [[(i, j), (i + 1, j), (i, j + 1)]]
+            if i + j < n - 1:
+                corners.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+            for (a, b), (c, d), (e, f) in corners:
+                facets.append((point(a, b, layers), point(c, d, layers), point(e, f, layers)))
+                facets.append((point(a, b, 0), point(e, f, 0), point(c, d, 0)))
+    for k in range(n):
+        for layer in range(layers):
+            for (a, b), (c, d) in (
+                ((k, 0), (k + 1, 0)),  # z = 0
+                ((0, k + 1), (0, k)),  # y = 0
+                ((n - k, k), (n - k - 1, k + 1)),  # x = 0
+            ):
+                low, high = layer, layer + 1
+                quad = point(a, b, low), point(c, d, low), point(c, d, high), point(a, b, high)
+                facets += _halves(quad, k + layer)
+    return TriSurface(np.array(points), np.array(facets))
+
+
+def shape_tube(
+    radius: float, inner_radius: float, height: float, *, edge_length: float
+) -> TriSurface:
+    """A tube about the z axis from z = 0 to `height`.
+
+    Args:
+        radius: Outer [m]; the points of the mantle lie on it.
+        inner_radius: [m], below `radius`.
+        height: [m].
+        edge_length: Wanted edge length on the outer mantle, and across the wall [m].
+
+    Raises:
+        InputError: A length that is not above 0, or no wall.
+    """
+    _require_wall(radius, inner_radius, edge_length)
+    require_positive(height=height)
+    around = max(6, round(2.0 * math.pi * radius / edge_length))
+    rows, layers = (max(1, round(x / edge_length)) for x in (height, radius - inner_radius))
+    index: dict[tuple[int, int, int], int] = {}
+    points: list[Points] = []
+
+    def point(k: int, layer: int, row: int) -> int:
+        key = (k % around, layer, row)
+        if key not in index:
+            index[key] = len(points)
+            angle, part = 2.0 * math.pi * key[0] / around, layer / layers
+            r = (1.0 - part) * inner_radius + part * radius
+            place = (r * math.cos(angle), r * math.sin(angle), height * row / rows)
+            points.append(np.array(place))
+        return index[key]
+
+    facets: list[tuple[int, int, int]] = []
+    for k in range(around):
+        for row in range(rows):
+            for layer, (a, b) in ((layers, (k, k + 1)), (0, (k + 1, k))):
+                quad = (
+                    point(a, layer, row),
+                    point(b, layer, row),
+                    point(b, layer, row + 1),
+                    point(a, layer, row + 1),
+                )
+                facets += _halves(quad, k + row)
+        for layer in range(layers):
+            for row, (a, b) in ((rows, (k, k + 1)), (0, (k + 1, k))):
+                quad = (
+                    point(a, layer + 1, row),
+                    point(b, layer + 1, row),
+                    point(b, layer, row),
+                    point(a, layer, row),
+                )
+                facets += _halves(quad, k + layer)
+    return TriSurface(np.array(points), np.array(facets))
+
+
+def _halves(quad: Quad, number: int) -> list[tuple[int, int, int]]:
+    """A quadrilateral in two, along one diagonal or the other in turn."""
+    a, b, c, d = quad
+    return [(a, b, c), (a, c, d)] if number % 2 else [(a, b, d), (b, c, d)]
+
+
+def _require_wall(radius: float, inner_radius: float, edge_length: float) -> None:
+    require_positive(radius=radius, inner_radius=inner_radius, edge_length=edge_length)
+    if not inner_radius < radius:
+        raise InputError(
+            f"inner_radius = {inner_radius:g}: needs less than the radius, {radius:g}; there is "
+            "no wall"
+        )

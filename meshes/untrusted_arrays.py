@@ -6,10 +6,16 @@ says its shape and kind of number; what does not fit is refused with nothing unp
 
 from __future__ import annotations
 
+import base64
+import lzma
 import math
-from collections.abc import Callable, Collection
+import re
+import zlib
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+from xml.etree import ElementTree
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -120,3 +126,180 @@ def _array(path: str | Path, archive: ZipFile, entry: ZipInfo) -> NDArray[Any]:
             data[start : start + len(piece)] = piece
     array = np.frombuffer(data, dtype=dtype) if size else np.zeros(math.prod(shape), dtype)
     return array.reshape(shape, order="F" if columns_first else "C")
+
+
+# How much a VTU file unpacks to, found before it is unpacked.
+#
+# Six megabytes of compressed XML can stand for six gigabytes. The number of points and cells and
+# the header of each compressed array say what comes out; a block that gives more than its header
+# said is refused as well.
+
+
+_SIZES = {
+    f"{kind}{bits}": bits // 8
+    for kind, widths in (("Float", (32, 64)), ("Int", (8, 16, 32, 64)), ("UInt", (8, 16, 32, 64)))
+    for bits in widths
+}
+_DECOMPRESSORS: dict[str, Any] = {
+    "vtkZLibDataCompressor": zlib.decompressobj,
+    "vtkLZMADataCompressor": lzma.LZMADecompressor,
+}
+# A digit and a space stand for a float64 at most.
+_BYTES_PER_CHARACTER = 4
+
+
+def unpacked_bytes(path: str | Path, *, most_bytes: int) -> int:
+    """What the arrays of a VTU file take in memory.
+
+    Raises:
+        FileFormatError: More than `most_bytes`, or headers that cannot be.
+    """
+    with open_plain(path, most_bytes=4 * most_bytes) as stream:
+        text: bytes = stream.read()
+    try:
+        return _Sizes(path, text, most_bytes).total()
+    except FileFormatError:
+        raise
+    # XML, numbers and base64 that others wrote: damage shows as any kind of error.
+    except Exception as error:
+        first_line = (str(error).splitlines() or [""])[0][:200]
+        raise FileFormatError(
+            path, f"cannot be read as vtu ({first_line or type(error).__name__})"
+        ) from error
+
+
+class _Sizes:
+    """One file's arrays."""
+
+    def __init__(self, path: str | Path, text: bytes, most_bytes: int) -> None:
+        self.path, self.most_bytes = path, most_bytes
+        self.raw: bytes | None = None
+        try:
+            self.root = ElementTree.fromstring(text)
+        except ElementTree.ParseError:
+            self.root, self.raw = _without_raw_data(text)
+        order = "<" if self.root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
+        width = _SIZES[self.root.get("header_type", "UInt32")]
+        self.header = np.dtype(f"{order}u{width}")
+        self.compressor = self.root.get("compressor")
+        if self.compressor is not None and self.compressor not in _DECOMPRESSORS:
+            raise FileFormatError(path, f"compressor {self.compressor!r} is not known")
+        appended = self.root.find("AppendedData")
+        words = "" if appended is None else (appended.text or "").strip()
+        self.appended = words[1:] if self.raw is None else ""
+
+    def total(self) -> int:
+        """Of all arrays, each judged against the number of points or cells it belongs to."""
+        total = 0
+        limits = self._limits()
+        for array in self.root.iter("DataArray"):
+            size = self._unpacked(array)
+            if size > limits.get(array, size):
+                raise FileFormatError(
+                    self.path,
+                    f"array {array.get('Name')!r} unpacks to {shown_bytes(size)}, its points or "
+                    f"cells need {shown_bytes(limits[array])}; damaged?",
+                )
+            total += size
+            if total > self.most_bytes:
+                raise FileFormatError(
+                    self.path,
+                    f"unpacks to {shown_bytes(total)} or more, at most "
+                    f"{shown_bytes(self.most_bytes)} here; damaged, or of another case?",
+                )
+        return total
+
+    def _limits(self) -> dict[ElementTree.Element, int]:
+        """What binary arrays by point and by cell may unpack to."""
+        limits = {}
+        for piece in self.root.iter("Piece"):
+            points, cells = int(piece.attrib["NumberOfPoints"]), int(piece.attrib["NumberOfCells"])
+            for table, rows in (("Points", points), ("PointData", points), ("CellData", cells)):
+                for array in piece.findall(f"{table}/DataArray"):
+                    if array.get("format", "ascii") != "ascii":
+                        columns = int(array.get("NumberOfComponents") or 1)
+                        limits[array] = rows * columns * _SIZES[array.attrib["type"]]
+        return limits
+
+    def _unpacked(self, array: ElementTree.Element) -> int:
+        kind = array.get("format", "ascii")
+        if kind == "ascii":
+            return _BYTES_PER_CHARACTER * len(array.text or "")
+        if kind == "binary":
+            return self._of_data((array.text or "").strip())
+        offset = int(array.attrib["offset"])
+        if offset < 0:
+            raise FileFormatError(self.path, f"offset {offset} of an array")
+        return self._of_data(self.appended[offset:] if self.raw is None else self.raw[offset:])
+
+    def _of_data(self, data: str | bytes) -> int:
+        """Of base64 text, or of the bytes themselves."""
+        width = self.header.itemsize
+        first = int(np.frombuffer(_bytes(data, width), self.header)[0])
+        if self.compressor is None:
+            return min(first, len(data))
+        length = (3 + first) * width
+        if length > len(data):
+            raise FileFormatError(self.path, f"{first} compressed blocks cannot be")
+        _, block, last, *sizes = (int(n) for n in np.frombuffer(_bytes(data, length), self.header))
+        declared = [block] * (first - 1) + [last or block] if first else []
+        if sum(declared) > self.most_bytes:
+            return sum(declared)
+        packed = _bytes(
+            data[_encoded(length) :] if isinstance(data, str) else data[length:], sum(sizes)
+        )
+        start = 0
+        for size, out in zip(sizes, declared, strict=True):
+            found = _DECOMPRESSORS[self.compressor]().decompress(
+                packed[start : start + size], out + 1
+            )
+            if len(found) > out:
+                raise FileFormatError(self.path, "a compressed block is larger than it says")
+            start += size
+        return sum(declared)
+
+
+def _without_raw_data(text: bytes) -> tuple[ElementTree.Element, bytes]:
+    """Raw appended data is no XML: the tags around it, and the data after its underscore."""
+    opening = re.search(rb"<AppendedData[^>]*>", text)
+    closing = text.rfind(b"</AppendedData>")
+    if opening is None or closing < 0:
+        raise ValueError("damaged XML")
+    root = ElementTree.fromstring(text[: opening.end()] + text[closing:])
+    return root, text[opening.end() : closing].split(b"_", 1)[1]
+
+
+def _encoded(length: int) -> int:
+    """Characters of base64 for so many bytes."""
+    return -(-length // 3) * 4
+
+
+def _bytes(data: str | bytes, length: int) -> bytes:
+    """The first bytes of base64 text, or of the bytes themselves."""
+    if isinstance(data, bytes):
+        return data[:length]
+    return base64.b64decode(data[: _encoded(length)])[:length]
+
+
+@contextmanager
+def limited_memory(most_bytes: int) -> Iterator[None]:
+    """Let the process grow by so much at most; what asks for more gets a MemoryError.
+
+    For short calls into readers that reserve whatever a file asks for. Holds for the whole
+    process, and on Linux only: elsewhere it does nothing.
+    """
+    try:
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    except (ImportError, OSError, ValueError):
+        yield
+        return
+    old, hardest = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = pages * resource.getpagesize() + most_bytes
+    limits = [n for n in (old, hardest) if n != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min([wanted, *limits]), hardest))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (old, hardest))

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.driven_tools import require_drive_of_statics
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.rigid_tool import require_drive_of_statics
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_path import follow_tools, go_on_at_end, press
 from palpate.reference.deformed_state import (

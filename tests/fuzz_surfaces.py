@@ -19,8 +19,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.fastsim.mending.crossings import all_crossings
 from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.mending.patch_attempts import all_crossings
 from palpate.fastsim.mending.wrap import wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface

@@ -20,7 +20,7 @@ ROOMS = ("meshes", "fastsim", "reference", "validation")
 # Beside the front door: what the rooms offer to who writes a viewer, a simulator or a study.
 OFFERED = {
     "fastsim.body": ["Body"],
-    "fastsim.collision.detection": ["Overlaps", "VertexCellDetector"],
+    "fastsim.contact.body_contact": ["Overlaps", "VertexCellDetector"],
     "fastsim.condensed": [
         *("CondensedModel", "CondensedResult", "CondensedSize", "CondensedSteps", "StepState"),
         *("CondensedBody", "condense", "condense_once", "condensed_size", "load_condensed"),

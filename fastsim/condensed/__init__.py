@@ -5,13 +5,13 @@ from palpate.fastsim.condensed.condense import (
     condense,
     condensed_size,
 )
-from palpate.fastsim.condensed.errors import (
+from palpate.fastsim.condensed.setup import (
     CondensedTooLargeError,
     NotCondensableError,
     UnsettledContactError,
 )
-from palpate.fastsim.condensed.kept_models import condense_once, load_condensed
-from palpate.fastsim.condensed.live import CondensedBody
+from palpate.fastsim.condensed.condense import condense_once, load_condensed
+from palpate.fastsim.condensed.steps import CondensedBody
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
 from palpate.fastsim.condensed.setup import CondensedSize
 from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed

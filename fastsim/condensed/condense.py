@@ -13,9 +13,9 @@ from palpate.fastsim.condensed.elimination import (
     condense_matrix,
     invert_in_place,
 )
-from palpate.fastsim.condensed.errors import CondensedTooLargeError
+from palpate.fastsim.condensed.setup import CondensedTooLargeError
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
-from palpate.fastsim.condensed.model_files import model_key
+from palpate.fastsim.condensed.model import model_key
 from palpate.fastsim.condensed.setup import (
     COLUMNS,
     CondensedSetup,

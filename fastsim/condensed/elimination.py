@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.fastsim.condensed.dissection import Dissection, Graph
+from palpate.fastsim.condensed.elimination import Dissection, Graph
 from palpate.meshes.arrays import Floats, Indices
 
 _ROWS = 768  # of an update made at a time, so that it is never there twice

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from palpate.fastsim.condensed.condense import MOST_BYTES, condense_setup
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
-from palpate.fastsim.condensed.model_files import model_key, read_model
+from palpate.fastsim.condensed.model import model_key, read_model
 from palpate.fastsim.condensed.setup import CondensedSetup
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem

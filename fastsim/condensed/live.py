@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim.condensed.errors import NotCondensableError
+from palpate.fastsim.condensed.setup import NotCondensableError
 from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.condensed.steps import CondensedSteps
-from palpate.fastsim.contact.tool_checks import read_numbers, read_pose
+from palpate.fastsim.contact.contact_law import read_numbers, read_pose
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.rigid_tool import RigidTool, rotation_matrix

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.condensed.elimination import Condensed
-from palpate.fastsim.condensed.errors import NotCondensableError
+from palpate.fastsim.condensed.setup import NotCondensableError
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem
@@ -204,7 +204,7 @@ class CondensedModel:
 
     def save(self, path: str | Path) -> None:
         """Write the model to an .npz, whole or not at all, with its inside where that was kept."""
-        from palpate.fastsim.condensed.model_files import write_model
+        from palpate.fastsim.condensed.model import write_model
 
         write_model(path, self)
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim.body import Body
-from palpate.fastsim.condensed.dissection import Dissection, Graph, dissect
-from palpate.fastsim.condensed.errors import NotCondensableError
+from palpate.fastsim.condensed.elimination import Dissection, Graph, dissect
+from palpate.fastsim.condensed.setup import NotCondensableError
 from palpate.fastsim.condensed.model import CompliancePrecision, SupportTerm
 from palpate.fastsim.forces import external_force, lumped_areas
 from palpate.fastsim.springs import PatchSprings

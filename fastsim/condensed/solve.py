@@ -12,14 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from palpate.fastsim.condensed.condense import MOST_BYTES, condense
-from palpate.fastsim.condensed.errors import NotCondensableError, UnsettledContactError
-from palpate.fastsim.condensed.kept_models import condense_once
+from palpate.fastsim.condensed.setup import NotCondensableError, UnsettledContactError
+from palpate.fastsim.condensed.condense import condense_once
 from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.condensed.setup import surface_points
 from palpate.fastsim.condensed.steps import CondensedSteps, StepState, require_known_tool
-from palpate.fastsim.contact.contact_law import ContactLaw, half_thickness
+from palpate.fastsim.contact.contact_law import (
+    ContactLaw,
+    half_thickness,
+    require_larger_than_gaps,
+    require_outside,
+)
 from palpate.fastsim.contact.errors import ContactLostError
-from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.forces import external_force
 from palpate.meshes.arrays import Floats, Indices, Points

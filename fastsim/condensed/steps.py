@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.condensed.errors import NotCondensableError, UnsettledContactError
+from palpate.fastsim.condensed.setup import NotCondensableError, UnsettledContactError
 from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.contact.contact_law import (
     ContactForm,

@@ -14,17 +14,15 @@ from palpate.fastsim.contact.contact_law import (
     ContactLaw,
     critical_with_penalty,
     explicit_stiffness,
+    farthest,
     half_thickness,
     largest_speed,
     layer_stiffness,
-)
-from palpate.fastsim.contact.errors import ToolTooFastError
-from palpate.fastsim.contact.tool_checks import (
-    farthest,
     read_pose,
     require_larger_than_gaps,
     require_outside,
 )
+from palpate.fastsim.contact.errors import ToolTooFastError
 from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points

@@ -13,18 +13,18 @@ from palpate.fastsim.contact.contact_law import (
     ContactLaw,
     layer_stiffness,
     mean_edge,
+    require_larger_than_gaps,
+    require_outside,
 )
 from palpate.fastsim.contact.contact_term import ContactTerm
 from palpate.fastsim.contact.errors import ContactLostError
-from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.fastsim.newton import Newton
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.driven_tools import require_drive_of_statics
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
-from palpate.meshes.rigid_tool import ForceDrive
+from palpate.meshes.rigid_tool import ForceDrive, require_drive_of_statics
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
 STIFFNESS_IN_LAYERS = 100.0

@@ -12,8 +12,7 @@ from palpate.fastsim.errors import BlowUpError
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.fastsim.gpu.batch_run import BatchRun, Plan
 from palpate.fastsim.gpu.device_run import DeviceRun
-from palpate.fastsim.gpu.devices import CORE
-from palpate.fastsim.gpu.errors import UnsupportedOnDeviceError
+from palpate.fastsim.gpu.devices import CORE, UnsupportedOnDeviceError
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 

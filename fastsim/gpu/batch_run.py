@@ -15,12 +15,10 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.gpu.body_data import BodyData
-from palpate.fastsim.gpu.device_arrays import scheme_arrays
+from palpate.fastsim.gpu.device_arrays import BodyData, MeshArrays, scheme_arrays
 from palpate.fastsim.gpu.devices import load_warp, warp_name
 from palpate.fastsim.gpu.kernels.stepping import NONE
 from palpate.fastsim.gpu.launches import BLOCK, Launches
-from palpate.fastsim.gpu.mesh_arrays import MeshArrays
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain

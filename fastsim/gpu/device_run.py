@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.gpu.batch_run import BatchRun, Plan
-from palpate.fastsim.gpu.body_data import BodyData, ToolData, require_supported, shape_numbers
-from palpate.fastsim.gpu.errors import UnsupportedOnDeviceError
+from palpate.fastsim.gpu.device_arrays import BodyData, ToolData, require_supported, shape_numbers
+from palpate.fastsim.gpu.devices import UnsupportedOnDeviceError
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 

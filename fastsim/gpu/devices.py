@@ -9,10 +9,11 @@ that the environment variable WARP_CACHE_PATH names; nothing is written beside t
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from palpate.fastsim.gpu.errors import DeviceUnavailableError
+from palpate.meshes.errors import InputError
 
 CORE = "cpu"
 WARP_CPU = "warp:cpu"
@@ -80,3 +81,32 @@ def check_device(device: str) -> str:
 def warp_name(device: str) -> str:
     """What Warp calls it."""
     return "cpu" if device == WARP_CPU else device
+
+
+@dataclass(eq=False, repr=False)
+class DeviceUnavailableError(InputError):
+    """A device that this machine does not have; `.device`, `.devices`.
+
+    Attributes:
+        device: That was asked for.
+        devices: That there are; empty where Warp is not installed.
+        remedy: What to do.
+    """
+
+    device: str
+    devices: tuple[str, ...]
+    remedy: str
+
+    def __post_init__(self) -> None:
+        super().__init__(f"device {self.device!r} is not to be had: {self.remedy}")
+
+
+@dataclass(eq=False, repr=False)
+class UnsupportedOnDeviceError(InputError):
+    """Something that only the compiled core does; `.what`, `.device`."""
+
+    what: str
+    device: str
+
+    def __post_init__(self) -> None:
+        super().__init__(f'{self.what} does not run on {self.device}; use device="cpu"')

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from palpate.fastsim.gpu import device_arrays as arrays
-from palpate.fastsim.gpu.body_data import BodyData
+from palpate.fastsim.gpu.device_arrays import BodyData, MeshArrays
 from palpate.fastsim.gpu.kernels.kit import make_kernels
 from palpate.fastsim.gpu.kernels.touching import CHUNK
-from palpate.fastsim.gpu.mesh_arrays import MeshArrays
 from palpate.meshes.arrays import Floats
 
 # Steps between two looks of the monitor, and in one graph of a GPU.

@@ -6,15 +6,20 @@ descendants of a cell have at most 72 shapes.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
-from palpate.meshes.arrays import Indices, Points
+from palpate.fastsim.body import Body, cell_stress
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.boundary_conditions import Load, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
+from palpate.meshes.problem import Inclusion, Problem
+from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 
 
 class GradedMesh:
@@ -154,3 +159,118 @@ class GradedMesh:
         first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1]
         found: Indices = np.ascontiguousarray(rows[np.sort(first)])
         return found
+
+
+def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
+    """The same problem on the refined mesh: the same regions are held, pushed and touched.
+
+    Forces on single points stay on their points, which keep their numbers.
+
+    Args:
+        problem: On the mesh that `graded` began with.
+        graded: That mesh, refined.
+    """
+
+    def carried_support(support: Support) -> Support:
+        facets = graded.carry_facets(support.facets) if len(support.facets) else support.facets
+        points = graded.carry_points(support.points)
+        return dataclasses.replace(support, points=points, facets=facets)
+
+    def carried_load(load: Load) -> Load:
+        if isinstance(load, Traction | Pressure):
+            return dataclasses.replace(load, facets=graded.carry_facets(load.facets))
+        return load
+
+    def carried_tool(tool: RigidTool) -> RigidTool:
+        facets = tool.contact_facets
+        carried = graded.carry_facets(facets) if len(facets) else facets
+        return dataclasses.replace(tool, contact_facets=carried)
+
+    def carried_inclusion(inclusion: Inclusion) -> Inclusion:
+        inside = np.isin(graded.given_cell, inclusion.cells)
+        return dataclasses.replace(inclusion, cells=np.flatnonzero(inside).astype(np.int32))
+
+    return dataclasses.replace(
+        problem,
+        mesh=graded.mesh,
+        supports=tuple(carried_support(s) for s in problem.supports),
+        loads=tuple(carried_load(load) for load in problem.loads),
+        tools=tuple(carried_tool(tool) for tool in problem.tools),
+        springs=tuple(
+            dataclasses.replace(spring, facets=graded.carry_facets(spring.facets))
+            for spring in problem.springs
+        ),
+        inclusions=tuple(carried_inclusion(one) for one in problem.inclusions),
+    )
+
+
+# Where a solution on linear tetrahedra is wrong: recovered against computed stress.
+#
+# The stress of linear tetrahedra is constant in each cell. Averaged to the points it is nearer the
+# truth (Zienkiewicz, Zhu 1987), so the difference tells where cells are too large.
+
+
+def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:
+    """Stress at the points: the mean of the cells around, by volume, (num_points, 3, 3) [Pa]."""
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    total = np.zeros((mesh.num_points, 9))
+    weight = np.zeros(mesh.num_points)
+    rows = volumes[:, None] * stress.reshape(-1, 9)
+    for k in range(4):
+        np.add.at(total, mesh.cells[:, k], rows)
+        np.add.at(weight, mesh.cells[:, k], volumes)
+    means: Floats = (total / weight[:, None]).reshape(-1, 3, 3)
+    return means
+
+
+def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
+    """Estimated error of each cell in the energy norm [J^(1/2)], shape (num_cells,).
+
+    The root of the integral of (S* - S) : C^-1 : (S* - S) over the rest cell, S* linear between
+    recovered values at the points. An indicator, not a bound: it finds where to refine.
+
+    Args:
+        body: Mesh, material and strain.
+        displacement: [m], shape (num_points, 3), finite.
+    """
+    mesh = body.mesh
+    stress = cell_stress(body, displacement)
+    at_points = recovered_stress(mesh, stress)
+    gap = at_points[mesh.cells] - stress[:, None]
+    lmbda, mu = body.lmbda, body.mu
+
+    def product(a: Floats, b: Floats) -> Floats:
+        # a : C^-1 : b = (a : b - lmbda / (3 lmbda + 2 mu) tr a tr b) / (2 mu)
+        whole = np.einsum("cij,cij->c", a, b)
+        traces = np.einsum("cii->c", a) * np.einsum("cii->c", b)
+        out: Floats = (whole - lmbda / (3.0 * lmbda + 2.0 * mu) * traces) / (2.0 * mu)
+        return out
+
+    # Linear functions on a tetrahedron: int N_a N_b = V (1 + delta_ab) / 20.
+    total = product(gap.sum(axis=1), gap.sum(axis=1))
+    for k in range(4):
+        total += product(gap[:, k], gap[:, k])
+    squared = np.maximum(total, 0.0) * signed_volumes(mesh.points, mesh.cells) / 20.0
+    errors: Floats = np.sqrt(squared)
+    return errors
+
+
+def mark_largest(errors: ArrayLike, *, part: float = 0.5) -> NDArray[np.bool_]:
+    """The fewest cells that hold a part of the squared error (Doerfler 1996).
+
+    Args:
+        errors: Of each cell, >= 0, shape (num_cells,).
+        part: Above 0, at most 1.
+    """
+    squared = np.asarray(errors, dtype=np.float64) ** 2
+    if not 0.0 < part <= 1.0:
+        raise InputError(f"part = {part:g}: needs a value above 0, at most 1")
+    if squared.ndim != 1 or not np.isfinite(squared).all():
+        raise InputError("errors need one finite value for each cell")
+    order = np.argsort(-squared, kind="stable")
+    summed = np.cumsum(squared[order])
+    marked = np.zeros(len(squared), dtype=bool)
+    if summed.size and summed[-1] > 0.0:
+        needed = int(np.searchsorted(summed, part * summed[-1] * (1.0 - 1e-12))) + 1
+        marked[order[:needed]] = True
+    return marked

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.fastsim.mending.patch_attempts import is_clean
-from palpate.fastsim.mending.untangle import untangle
-from palpate.fastsim.surface_arrays import mean_edge_length
+from palpate.fastsim.mending.patch_attempts import (
+    Attempt,
+    Surroundings,
+    all_crossings,
+    crossings_of,
+    distance_apart,
+    facets_near,
+    filled_anew,
+    is_clean,
+    pulled_apart,
+    smoothed,
+)
+from palpate.fastsim.surface_remesher import mean_edge_length
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import OpenSurfaceError, SurfaceError
+from palpate.meshes.facet_topology import connected_parts
 from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.repair.patches import grow
 from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
@@ -84,3 +99,202 @@ def _require_mended(surface: TriSurface, report: RepairReport) -> None:
         text = f"{error}; {hint}" if hint else str(error)
         error.args = (f"{said}; {text}" if said else text,)
         raise
+
+
+# Surfaces that cut themselves, mended in place: folds smoothed, sheets pulled apart, patches anew.
+#
+# Each place where facets cross is a patch by itself. Of three ways the one that moves the surface
+# least is taken: the patch and some rings around it are bent like a thin plate; its points are
+# pulled along their normals; or its facets are removed and the holes filled anew (Attene 2010, "A
+# lightweight approach to repairing digitized polygon meshes", does the last). What is left behind
+# has no crossing by the exact test.
+
+
+# Places that cross again after they were mended, with others, are tried again so often.
+_MOST_ROUNDS = 6
+# Rings around facets that cross, within which they are mended.
+_RINGS_AROUND = 12
+# Of the facets of the surface, which a patch may take: beyond, it is the organ itself.
+_LARGEST_PART = 0.3
+# A way that moves the surface by less than this part of what is allowed needs no comparison.
+_GOOD_ENOUGH = 0.1
+
+
+class EntangledError(SurfaceError):
+    """Crossings that could not be mended within the distance; `.facets` holds them.
+
+    `.needed` is the distance that would have done, where one was found [m].
+    """
+
+    def __init__(self, facets: list[int], place: Points, distance: float, needed: float) -> None:
+        at = ", ".join(f"{x:.6g}" for x in place)
+        hint = (
+            f"moving it by {needed:.3g} m would: allow a larger distance"
+            if np.isfinite(needed)
+            else "mend it by hand, or wrap it anew"
+        )
+        first = ", ".join(map(str, facets[:5]))
+        what = (
+            "the surface intersects itself and could not be mended within "
+            f"{distance:.3g} m, at {len(facets)} facet(s)"
+        )
+        summary = f"{what} around ({at}) m"
+        super().__init__(f"{what}, first {first}, around ({at}) m; {hint}", facets, summary=summary)
+        self.needed, self.hint = needed, hint
+
+
+@dataclass(frozen=True)
+class UntangleReport:
+    """What was done.
+
+    Attributes:
+        num_pairs: Pairs of facets that crossed.
+        num_places: Places where they did.
+        replaced_facets: Facets that were moved or replaced, by their number before.
+        distance: Largest distance of either surface from the other, over corners, middles of
+            edges and centres of what was changed [m].
+        euler_change: Of Euler's characteristic: 2 for each bridge that was cut or shell made.
+    """
+
+    num_pairs: int = 0
+    num_places: int = 0
+    replaced_facets: tuple[int, ...] = ()
+    distance: float = 0.0
+    euler_change: int = 0
+
+    def line(self) -> str:
+        """What was done, in one line for people."""
+        bridges = self.euler_change // 2
+        cut = f"; {bridges} handle(s) or bridge(s) between sheets cut" if bridges else ""
+        return (
+            f"{self.num_pairs} pair(s) of facets that cut each other at {self.num_places} place(s) "
+            f"mended: {len(self.replaced_facets)} facet(s) moved or replaced, by at most "
+            f"{self.distance:.3g} m{cut}"
+        )
+
+
+def untangle(
+    surface: TriSurface, *, distance: float
+) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
+    """Mend the places where a surface cuts itself.
+
+    Args:
+        surface: Closed and consistently oriented [m]; facets have an area.
+        distance: How far the two surfaces may be apart, > 0 [m].
+
+    Returns:
+        A surface without crossings, what was done, and of each facet its number before, or -1 of
+        a new one, shape (num_facets,).
+
+    Raises:
+        EntangledError: Not within the distance.
+    """
+    points, facets = surface.points, surface.facets
+    # Numbers that stay with facets; new ones count on.
+    number = np.arange(len(facets))
+    num_given = fresh = len(facets)
+    pairs = all_crossings(points, facets)
+    report = UntangleReport(len(pairs), len(_clusters(facets, pairs)))
+    for _ in range(_MOST_ROUNDS):
+        if not len(pairs):
+            break
+        for guilty in [number[rows] for rows in _clusters(facets, pairs)]:
+            rows = np.flatnonzero(np.isin(number, guilty))
+            # A patch beside it may have replaced or mended these facets meanwhile.
+            if len(rows) < len(guilty) or not len(crossings_of(points, facets, rows)):
+                continue
+            chosen = _least_moved(points, facets, rows, distance)
+            if isinstance(chosen, float):
+                known = guilty[guilty < num_given].tolist()
+                place = points[facets[rows]].mean(axis=(0, 1))
+                raise EntangledError(known, place, distance, chosen)
+            count = len(chosen.facets) - len(chosen.kept)
+            points, facets = chosen.points, chosen.facets
+            number = np.concatenate([number[chosen.kept], np.arange(fresh, fresh + count)])
+            fresh += count
+        pairs = all_crossings(points, facets)
+    if len(pairs):
+        rows = np.unique(pairs)
+        known = number[rows][number[rows] < num_given].tolist()
+        raise EntangledError(known, points[facets[rows]].mean(axis=(0, 1)), distance, np.inf)
+    if not report.num_pairs:
+        return surface, report, number
+    apart = distance_apart(surface.points, surface.facets, points, facets)
+    moved = np.ones(num_given, dtype=bool)
+    stays = number < num_given
+    moved[number[stays]] = np.any(
+        points[facets[stays]] != surface.points[surface.facets[number[stays]]], axis=(1, 2)
+    )
+    replaced = np.flatnonzero(moved)
+    if apart > distance:
+        place = surface.points[surface.facets[replaced]].mean(axis=(0, 1))
+        raise EntangledError(replaced.tolist(), place, distance, apart)
+    done = UntangleReport(
+        report.num_pairs,
+        report.num_places,
+        tuple(replaced.tolist()),
+        apart,
+        _euler(facets) - _euler(surface.facets),
+    )
+    return TriSurface(points, facets), done, np.where(stays, number, -1)
+
+
+def _least_moved(
+    points: Points, facets: Indices, rows: NDArray[np.int64], distance: float
+) -> Attempt | float:
+    """The way that moves the surface least; the distance needed [m] where that is too far."""
+    is_cross = np.zeros(len(facets), dtype=bool)
+    is_cross[rows] = True
+    around = grow(facets, is_cross, _RINGS_AROUND)
+    # All that a patch may come to: the work is in proportion to it, not to the organ.
+    around[facets_near(points, facets, points[facets[around]].reshape(-1, 3), distance)] = True
+    local = np.flatnonzero(around)
+    used, some = np.unique(facets[local], return_inverse=True)
+    some = some.reshape(-1, 3).astype(np.int32)
+    is_held = np.zeros(len(points), dtype=bool)
+    is_held[facets[~around]] = True
+    part = Surroundings(points[used], some, is_held[used], _LARGEST_PART * len(facets))
+    chosen = np.flatnonzero(is_cross[local])
+    ways: tuple[Callable[[], Attempt | None], ...] = (
+        lambda: smoothed(part, chosen),
+        lambda: pulled_apart(part, chosen, outwards=False, most=distance),
+        lambda: pulled_apart(part, chosen, outwards=True, most=distance),
+        lambda: filled_anew(part, chosen),
+    )
+    best, least = None, np.inf
+    for way in ways:
+        attempt = way()
+        if attempt is None:
+            continue
+        apart = distance_apart(part.points, part.facets, attempt.points, attempt.facets)
+        if apart < least:
+            best, least = attempt, apart
+        if least <= _GOOD_ENOUGH * distance:
+            break
+    if best is None or least > distance:
+        return float(least)
+    moved = np.vstack([points, best.points[len(used) :]])
+    moved[used] = best.points[: len(used)]
+    back = np.concatenate([used, np.arange(len(points), len(moved))])
+    gone = np.setdiff1d(local, local[best.kept])
+    kept = np.setdiff1d(np.arange(len(facets)), gone)
+    new = back[best.facets[len(best.kept) :]]
+    return Attempt(moved, np.vstack([facets[kept], new]).astype(np.int32), kept)
+
+
+def _clusters(facets: Indices, pairs: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    """Facets that cross each other or share a point with others that do, place by place."""
+    if not len(pairs):
+        return []
+    rows = np.unique(pairs)
+    used, corner = np.unique(facets[rows], return_inverse=True)
+    corner = corner.reshape(-1, 3) + len(rows)
+    own = np.repeat(np.arange(len(rows)), 3)
+    links = np.vstack([np.searchsorted(rows, pairs), np.column_stack([own, corner.reshape(-1)])])
+    part = connected_parts(len(rows) + len(used), links)[: len(rows)]
+    return [rows[part == k].astype(np.int64) for k in np.unique(part)]
+
+
+def _euler(facets: Indices) -> int:
+    """Euler's characteristic of a closed surface: 2 for each shell, less 2 for each handle."""
+    return len(np.unique(facets)) - len(facets) // 2

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.grading.sampled_sizes import grid_of_sizes
+from palpate.fastsim.grading.size_fields import grid_of_sizes
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import EmptySurfaceError, InputError
-from palpate.meshes.repair.loose_parts import loose_facets
+from palpate.meshes.repair.patches import loose_facets
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices
-from palpate.meshes.facet_topology import connected_parts, edge_uses
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.facet_topology import connected_parts, edge_uses, facet_parts
 
 Mask = NDArray[np.bool_]
 # What rings enclose is taken in where it has at most this many times the facets of the rings:
@@ -62,3 +62,124 @@ def inner_points(facets: Indices, chosen: Mask, num_points: int) -> NDArray[np.i
 def edges_of(facets: Indices) -> NDArray[np.int64]:
     """Undirected edges of facets, shape (num_edges, 2), each once."""
     return edge_uses(facets).edges
+
+
+# Smooth patches: some points of a surface moved so that it bends little, the others held.
+#
+# The membrane (order 1) solves L x = 0 at the free points, the thin plate (order 2) makes
+# sum |L x|^2 least over the free points and their neighbours, L the mean of a point's neighbours
+# less the point (Kobbelt, Campagna, Vorsatz, Seidel 1998, "Interactive multi-resolution modeling on
+# arbitrary meshes"). A membrane stays in the hull of its rim; a plate meets its rim tangentially.
+
+
+# A dense solve up to here; steps of conjugate gradients beyond.
+_MOST_DENSE = 600
+_MOST_STEPS = 2000
+_TOLERANCE = 1e-8
+
+
+def fair_points(
+    points: Points, facets: Indices, free: NDArray[np.int64], *, order: int = 2
+) -> Points:
+    """Move the free points to where the surface bends least.
+
+    Args:
+        points: [m], shape (num_points, 3).
+        facets: The patch and at least two rings of facets around it, shape (num_facets, 3).
+        free: Points that may move.
+        order: 1 a membrane, 2 a thin plate.
+
+    Returns:
+        All points [m], shape (num_points, 3), the free ones moved.
+    """
+    moved = points.copy()
+    if not len(free):
+        return moved
+    edges = edges_of(facets)
+    is_free = np.zeros(len(points), dtype=bool)
+    is_free[free] = True
+    is_row = is_free.copy()
+    if order == 2:
+        near = is_free[edges].any(axis=1)
+        is_row[edges[near]] = True
+    # One row for each point whose bend counts: its neighbours' mean less itself.
+    both = np.vstack([edges, edges[:, ::-1]])
+    both = both[is_row[both[:, 0]]]
+    valence = np.bincount(both[:, 0], minlength=len(points)).astype(float)
+    rows = np.flatnonzero(is_row)
+    number = np.full(len(points), -1)
+    number[free] = np.arange(len(free))
+    row_of = np.full(len(points), -1)
+    row_of[rows] = np.arange(len(rows))
+    r = np.concatenate([row_of[both[:, 0]], np.arange(len(rows))])
+    c = np.concatenate([both[:, 1], rows])
+    w = np.concatenate([1.0 / valence[both[:, 0]], -np.ones(len(rows))])
+    is_known = ~is_free[c]
+    # About a local origin, where no digits are lost.
+    origin = points[free].mean(axis=0)
+    local = points - origin
+    right = np.zeros((len(rows), 3))
+    np.add.at(right, r[is_known], -w[is_known, None] * local[c[is_known]])
+    r, c, w = r[~is_known], number[c[~is_known]], w[~is_known]
+    moved[free] = _least_squares(r, c, w, right, len(free), local[free]) + origin
+    return moved
+
+
+def _least_squares(
+    r: NDArray[np.int64], c: NDArray[np.int64], w: Floats, right: Points, size: int, start: Points
+) -> Points:
+    """Solution of min |A x - right|, A given by rows, columns and values."""
+    if size <= _MOST_DENSE:
+        dense = np.zeros((len(right), size))
+        np.add.at(dense, (r, c), w)
+        solved: Points = np.linalg.lstsq(dense, right, rcond=None)[0]
+        return solved
+
+    def apply(x: Points) -> Points:
+        return np.column_stack(
+            [np.bincount(r, w * x[c, k], minlength=len(right)) for k in range(3)]
+        )
+
+    def transposed(y: Points) -> Points:
+        return np.column_stack([np.bincount(c, w * y[r, k], minlength=size) for k in range(3)])
+
+    # Conjugate gradients on the normal equations, the three coordinates at once.
+    x = start.copy()
+    residual = transposed(right - apply(x))
+    direction, squared = residual.copy(), np.einsum("ij,ij->j", residual, residual)
+    stop = _TOLERANCE**2 * np.maximum(squared, np.finfo(float).tiny)
+    for _ in range(_MOST_STEPS):
+        if np.all(squared <= stop):
+            break
+        image = apply(direction)
+        step = squared / np.maximum(np.einsum("ij,ij->j", image, image), np.finfo(float).tiny)
+        x += step * direction
+        residual -= step * transposed(image)
+        new = np.einsum("ij,ij->j", residual, residual)
+        direction = residual + new / np.maximum(squared, np.finfo(float).tiny) * direction
+        squared = new
+    return x
+
+
+# Of the longest side of the surface's largest part: what is smaller is told to the user.
+SMALL = 0.05
+
+
+def part_sizes(points: Points, facets: Indices) -> tuple[NDArray[np.int64], Floats]:
+    """Part of each facet, and the longest side of each part's box [m]."""
+    part = facet_parts(facets)
+    count = int(part.max(initial=-1)) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, part, points[facets].min(axis=1))
+    np.maximum.at(high, part, points[facets].max(axis=1))
+    return part, (high - low).max(axis=1, initial=0.0)
+
+
+def loose_facets(points: Points, facets: Indices, smallest: float) -> NDArray[np.bool_]:
+    """Facets of parts whose box is shorter than `smallest` [m]; the largest part is never one."""
+    part, sizes = part_sizes(points, facets)
+    is_small = sizes < smallest
+    if len(sizes):
+        is_small[np.argmax(sizes)] = False
+    found: NDArray[np.bool_] = is_small[part]
+    return found

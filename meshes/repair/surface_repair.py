@@ -13,12 +13,10 @@ from palpate.meshes.errors import DegenerateFacetError, NonManifoldError, Orient
 from palpate.meshes.facet_topology import connected_parts, edge_uses
 from palpate.meshes.near_duplicates import find_near_duplicates
 from palpate.meshes.repair.choices import LARGEST_HOLE
-from palpate.meshes.repair.flat_facets import flip_flat_facets
-from palpate.meshes.repair.hole_closing import close_holes
-from palpate.meshes.repair.loose_parts import SMALL, loose_facets, part_sizes
-from palpate.meshes.repair.seams import cut_at_hanging_points, rim_pairs
-from palpate.meshes.repair.sheets import Fits, fins_of, split_touching
-from palpate.meshes.repair.walls import double_walls
+from palpate.meshes.repair.hole_filling import close_holes
+from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
+from palpate.meshes.repair.seams import cut_at_hanging_points, flip_flat_facets, rim_pairs
+from palpate.meshes.repair.sheets import Fits, double_walls, fins_of, split_touching
 from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.tri_surface import TriSurface
 

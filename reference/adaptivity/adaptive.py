@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.local_refinement import LocallyRefined, refine_cells
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.refinement import LocallyRefined, refine_cells
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.adaptivity.duals import (

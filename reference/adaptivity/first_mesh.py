@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Problem
+from palpate.meshes.refinement import refine_cells
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
+from palpate.fastsim.body import Body, cauchy_stress, cell_stress
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Strain
 from palpate.meshes.tet_mesh import signed_volumes

@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.cell_stress import cauchy_stress
+from palpate.fastsim.body import Body, cauchy_stress
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction

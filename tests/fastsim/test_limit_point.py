@@ -11,12 +11,12 @@ import pytest
 from palpate.fastsim.body import Body
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
 from palpate.fastsim.forces import external_force
-from palpate.fastsim.limit_point import (
+from palpate.fastsim.newton import (
+    Newton,
     _MaterialStiffness,
     find_softening,
     smallest_stretches,
 )
-from palpate.fastsim.newton import Newton
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.material_law import Law

@@ -12,7 +12,7 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import DynamicResult, simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
-from palpate.fastsim.viscosity import damped_time_step, stiffened_time_step, viscous_force
+from palpate.fastsim.explicit_time_step import damped_time_step, stiffened_time_step, viscous_force
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.kept_volume import keep_volume
 from palpate.fastsim.mesher import Boundary, MeshingReport, mesh_surface
-from palpate.fastsim.surface_remesher import remesh_surface
+from palpate.fastsim.surface_remesher import keep_volume, remesh_surface
 from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere

@@ -7,8 +7,14 @@ import dataclasses
 import pytest
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.driven_tools import require_drive_of_statics
-from palpate.meshes.rigid_tool import ForceDrive, RigidTool, SphereShape, ToolError, ToolPath
+from palpate.meshes.rigid_tool import (
+    ForceDrive,
+    RigidTool,
+    SphereShape,
+    ToolError,
+    ToolPath,
+    require_drive_of_statics,
+)
 
 ALWAYS = TabularAmplitude((0.0,), (1.0,))
 ON_A_PATH = RigidTool(SphereShape(1.0), ToolPath([0.0], [[0.0, 0.0, 0.0]]))

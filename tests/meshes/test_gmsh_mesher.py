@@ -7,10 +7,15 @@ import pytest
 
 from palpate.meshes.errors import MeshError, OpenSurfaceError
 from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
-from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import measure_quality
-from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.shapes import (
+    shape_box,
+    shape_hollow_octant,
+    shape_hollow_sphere,
+    shape_sphere,
+    shape_tube,
+)
 from palpate.meshes.tri_surface import TriSurface
 
 gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))

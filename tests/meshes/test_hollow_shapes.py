@@ -9,7 +9,7 @@ import pytest
 
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError
-from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
+from palpate.meshes.shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.tri_surface import TriSurface
 
 BALL = 4.0 / 3.0 * math.pi * (1.0 - 0.5**3)

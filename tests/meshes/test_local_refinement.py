@@ -7,10 +7,9 @@ import pytest
 
 from palpate.meshes.boundary_conditions import PointForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.quality import mean_ratio
-from palpate.meshes.refinement import refine_uniformly
+from palpate.meshes.refinement import refine_cells, refine_uniformly
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.meshes.errors import OrientationError, SelfIntersectionError
+from palpate.meshes.gmsh_mesher import require_apart
 from palpate.meshes.shapes import shape_box, shape_sphere
-from palpate.meshes.shell_crossings import require_apart
 from palpate.meshes.shells import (
     ShellKind,
     find_shells,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.rigid_tool import ToolPath
-from palpate.meshes.smooth_path import smooth_path
+from palpate.meshes.rigid_tool import ToolPath, smooth_path
 
 HALF = np.sqrt(0.5)
 PATH = ToolPath(

@@ -10,9 +10,8 @@ import pytest
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_tube
 from palpate.meshes.refinement import refine_uniformly
-from palpate.meshes.shapes import shape_cylinder, shape_sphere
+from palpate.meshes.shapes import shape_cylinder, shape_hollow_octant, shape_sphere, shape_tube
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.true_surfaces import (
     CurvedPart,

@@ -94,8 +94,7 @@ def run_fastsim(
 
 
 def _stresses(problem: Problem, strain: Strain, element: Element, u: Points) -> CellStresses:
-    from palpate.fastsim.body import Body
-    from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
+    from palpate.fastsim.body import Body, cauchy_stress, cell_stress
 
     body = Body.of(problem, strain, element=element)
     return CellStresses(cell_stress(body, u), cauchy_stress(body, u))

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.fastsim.mending.mend import mend_surface
-from palpate.fastsim.mending.untangle import EntangledError
+from palpate.fastsim.mending.mend import EntangledError, mend_surface
 from palpate.fastsim.mending.wrap import WrapError, wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
 from palpate.fastsim.nested_bodies import CrossingBodiesError
@@ -28,10 +27,17 @@ from palpate.meshes.errors import (
     SurfaceError,
 )
 from palpate.meshes.files import read_surface
-from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
-from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
+from palpate.meshes.shapes import (
+    shape_beam,
+    shape_box,
+    shape_cylinder,
+    shape_hollow_octant,
+    shape_hollow_sphere,
+    shape_sphere,
+    shape_tube,
+)
 from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface

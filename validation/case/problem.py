@@ -39,8 +39,8 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
     ToolShape,
+    smooth_path,
 )
-from palpate.meshes.smooth_path import smooth_path
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.body_schema import InclusionSpec, MaterialSpec

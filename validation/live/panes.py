@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.cell_stress import cauchy_stress
+from palpate.fastsim.body import Body, cauchy_stress
 from palpate.fastsim.condensed import (
     CondensedModel,
     CondensedSteps,

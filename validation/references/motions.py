@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.field_norms import l2_norms
-from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.refinement import refine_cells
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.errors import (
     ReferenceFailedError,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import SAFETY
+from palpate.fastsim.explicit_time_step import damped_time_step
 from palpate.fastsim.springs import PatchSprings
-from palpate.fastsim.viscosity import damped_time_step
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality

@@ -21,9 +21,9 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
     ToolShape,
+    smooth_path,
 )
 from palpate.meshes.shapes import shape_sphere
-from palpate.meshes.smooth_path import smooth_path
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 

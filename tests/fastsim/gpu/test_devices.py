@@ -11,8 +11,12 @@ import pytest
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.explicit_body import ExplicitBody
-from palpate.fastsim.gpu.devices import check_device, known_devices
-from palpate.fastsim.gpu.errors import DeviceUnavailableError, UnsupportedOnDeviceError
+from palpate.fastsim.gpu.devices import (
+    DeviceUnavailableError,
+    UnsupportedOnDeviceError,
+    check_device,
+    known_devices,
+)
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.forces import external_force
-from palpate.fastsim.grading.carried_problem import carry_problem
-from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.fastsim.grading.graded_mesh import GradedMesh, carry_problem
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction

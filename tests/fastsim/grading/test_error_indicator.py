@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.cell_stress import cell_stress
-from palpate.fastsim.grading.carried_problem import carry_problem
-from palpate.fastsim.grading.error_indicator import estimate_error, mark_largest
-from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.fastsim.body import Body, cell_stress
+from palpate.fastsim.grading.graded_mesh import (
+    GradedMesh,
+    carry_problem,
+    estimate_error,
+    mark_largest,
+)
 from palpate.fastsim.grading.symbolic_cube import SymbolicCube
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support

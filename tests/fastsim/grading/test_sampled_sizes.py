@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.grading.sampled_sizes import sample_sizes
 from palpate.fastsim.grading.size_fields import (
     TooManyCellsError,
     distance_to_points,
     grow_with_distance,
     mean_edges,
+    sample_sizes,
 )
 from palpate.fastsim.mesher import Boundary, Lattice, MeshingReport, mesh_surface
 from palpate.meshes.errors import InputError

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.fastsim.mending.crossings import all_crossings
 from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.mending.patch_attempts import all_crossings
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError, OpenSurfaceError
 from palpate.meshes.kidney import shape_kidney

@@ -25,10 +25,15 @@ from palpate.fastsim.mending.mend import mend_surface
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.hollow_shapes import shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
-from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere
+from palpate.meshes.shapes import (
+    shape_box,
+    shape_cylinder,
+    shape_hollow_sphere,
+    shape_sphere,
+    shape_tube,
+)
 from palpate.meshes.tri_surface import TriSurface
 
 Rng = np.random.Generator

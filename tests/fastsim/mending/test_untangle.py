@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.mending.crossings import all_crossings, distance_apart
-from palpate.fastsim.mending.mend import mend_surface
-from palpate.fastsim.mending.untangle import EntangledError, untangle
+from palpate.fastsim.mending.mend import EntangledError, mend_surface, untangle
+from palpate.fastsim.mending.patch_attempts import all_crossings, distance_apart
 from palpate.fastsim.mesher import mesh_surface
-from palpate.fastsim.surface_arrays import mean_edge_length
+from palpate.fastsim.surface_remesher import mean_edge_length
 from palpate.meshes.errors import SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices

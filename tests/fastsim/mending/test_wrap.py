@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim import _core
-from palpate.fastsim.mending.crossings import all_crossings
+from palpate.fastsim.mending.patch_attempts import all_crossings
 from palpate.fastsim.mending.wrap import WrapError, WrapReport, wrap_surface
 from palpate.meshes.errors import EmptySurfaceError, InputError
 from palpate.meshes.shapes import shape_box, shape_sphere

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from palpate.fastsim.collision.detection import VertexCellDetector
+from palpate.fastsim.contact.body_contact import VertexCellDetector
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.peers import bench_collision as collision
 from palpate.validation.peers.bench import summarise, time_all

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.collision.detection import VertexCellDetector
+from palpate.fastsim.contact.body_contact import VertexCellDetector
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.fastsim.mesher import delaunay, mesh_surface
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.fastsim.collision.detection import Overlaps, VertexCellDetector
+from palpate.fastsim.contact.body_contact import Overlaps, VertexCellDetector
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError, NonFiniteError
