@@ -3,19 +3,20 @@
 from palpate.fastsim.condensed.condense import (
     MOST_BYTES,
     condense,
+    condense_once,
     condensed_size,
+    load_condensed,
 )
+from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.condensed.setup import (
+    CompliancePrecision,
+    CondensedSize,
     CondensedTooLargeError,
     NotCondensableError,
     UnsettledContactError,
 )
-from palpate.fastsim.condensed.condense import condense_once, load_condensed
-from palpate.fastsim.condensed.steps import CondensedBody
-from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
-from palpate.fastsim.condensed.setup import CondensedSize
 from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed
-from palpate.fastsim.condensed.steps import CondensedSteps, StepState
+from palpate.fastsim.condensed.steps import CondensedBody, CondensedSteps, StepState
 
 __all__ = [
     "MOST_BYTES",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,17 +14,15 @@ from palpate.fastsim.condensed.elimination import (
     condense_matrix,
     invert_in_place,
 )
-from palpate.fastsim.condensed.setup import CondensedTooLargeError
-from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
-from palpate.fastsim.condensed.model import model_key
+from palpate.fastsim.condensed.model import CondensedModel, model_key, read_model
 from palpate.fastsim.condensed.setup import (
     COLUMNS,
+    CompliancePrecision,
     CondensedSetup,
     CondensedSize,
-    held_fields_of,
+    CondensedTooLargeError,
 )
-from palpate.fastsim.supports import HeldPoints
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem
 
 # What a model may take while it is made, where nobody says otherwise.
@@ -176,24 +175,95 @@ def condensed_size(
     return CondensedSetup(problem, element, touched, seen).size(precision, keep_inside)
 
 
-def extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Points:
-    """Displacement of all points from that of the touched ones [m], shape (num_points, 3).
+def load_condensed(
+    path: str | Path,
+    problem: Problem,
+    *,
+    element: Element = Element.LINEAR,
+    touched: ArrayLike | None = None,
+    seen: ArrayLike | None = None,
+) -> CondensedModel:
+    """Read a model that `CondensedModel.save` wrote, for the same problem and arguments.
 
     Args:
-        model: With its inside.
-        touched: Displacement of the touched points [m], shape (num_touched, 3).
-        factors: Of the loads, of each term, and displacements of the springs' anchors [m].
+        path: Of the file.
+        problem: As of `condense`; the other arguments as well.
+        element: Likewise.
+        touched: Likewise.
+        seen: Likewise.
+
+    Returns:
+        The model, with its inside where that was kept.
+
+    Raises:
+        FileFormatError: No such file, no model, or one of another problem, element or points.
     """
-    assert model.inside is not None
-    problem = model.problem
-    supports = HeldPoints(problem)
-    fields = held_fields_of(problem, supports, model.terms)
-    held = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
-    at_touched = np.zeros_like(problem.mesh.points)
-    at_touched[model.touched] = touched
-    # Free components follow the elimination; held ones are where their supports put them.
-    own = np.where(supports.is_free != 0, supports.to_local(at_touched), 0.0)[model.touched]
-    found = model.inside.extend(
-        own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]
-    ).reshape(-1, 3)
-    return supports.to_global(np.where(supports.is_free != 0, found, held))
+    return read_model(path, CondensedSetup(problem, element, touched, seen))
+
+
+def condense_once(
+    folder: str | Path,
+    problem: Problem,
+    *,
+    element: Element = Element.LINEAR,
+    touched: ArrayLike | None = None,
+    seen: ArrayLike | None = None,
+    precision: CompliancePrecision = CompliancePrecision.DOUBLE,
+    keep_inside: bool = False,
+    most_bytes: int = MOST_BYTES,
+    progress: Callable[[str], None] | None = None,
+) -> CondensedModel:
+    """The model from a folder where it is there, else made by `condense` and kept there.
+
+    A model's file is named by its key: mesh, material, supports, springs, loads, element, points,
+    precision and version. A file that cannot be used is made anew; nothing is ever taken away from
+    the folder, and a model's file is as large as `CondensedModel.num_bytes` and its inside.
+
+    Args:
+        folder: Made where it is not there.
+        problem: As of `condense`; the other arguments as well.
+        element: Likewise.
+        touched: Likewise.
+        seen: Likewise.
+        precision: Likewise.
+        keep_inside: Likewise.
+        most_bytes: Likewise.
+        progress: Likewise.
+
+    Returns:
+        The model, with its inside where that is asked for.
+
+    Raises:
+        UnsupportedBodyError, CondensedTooLargeError, NotCondensableError: As of `condense`.
+        FileFormatError: The folder cannot be made; where a file cannot be written, that is told.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileFormatError(folder, f"is no folder for condensed models ({error})") from error
+    setup = CondensedSetup(problem, element, touched, seen)
+    path = Path(folder) / f"condensed-{model_key(setup, precision)[:32]}.npz"
+    tell = progress or (lambda _: None)
+    if path.exists():
+        try:
+            model = read_model(path, setup)
+        except FileFormatError as error:
+            tell(f"{error}; made anew")
+        else:
+            if model.inside is not None or not keep_inside:
+                tell(f"condensed before: {path}")
+                return model
+    model = condense_setup(
+        setup,
+        precision=precision,
+        keep_inside=keep_inside,
+        most_bytes=most_bytes,
+        progress=progress,
+    )
+    try:
+        model.save(path)
+    except OSError as error:
+        tell(f"not kept for the next time: {path} ({error})")
+    else:
+        tell(f"kept for the next time: {path}, {path.stat().st_size / 1e6:.0f} MB")
+    return model

@@ -7,55 +7,31 @@ touched points: small strain, so everything adds. Equal to the linear solve on t
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.condensed.elimination import Condensed
-from palpate.fastsim.condensed.setup import NotCondensableError
+from palpate.fastsim.condensed.setup import (
+    CompliancePrecision,
+    CondensedSetup,
+    NotCondensableError,
+    SupportTerm,
+    held_fields_of,
+)
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import InputError
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Problem
-
-
-class CompliancePrecision(StrEnum):
-    """In which numbers the compliance is kept; everything is computed in double."""
-
-    SINGLE = "single"
-    DOUBLE = "double"
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Of the kept numbers."""
-        return np.dtype(np.float32 if self is CompliancePrecision.SINGLE else np.float64)
-
-
-class SupportTerm(NamedTuple):
-    """A part of a support's movement that has a factor of its own.
-
-    Attributes:
-        support: Number of the support, from 0.
-        kind: 0 is its displacement, with its factor s; 1 and 2 are its turn by an angle,
-            sin(s angle) across and 1 - cos(s angle) inwards.
-    """
-
-    support: int
-    kind: int
-
-    def factor(self, problem: Problem, s: float) -> float:
-        """Its factor at a part s of the support's full size."""
-        rotation = problem.supports[self.support].rotation
-        if self.kind == 0 or rotation is None:
-            return s
-        turned = s * rotation.angle
-        return float(np.sin(turned) if self.kind == 1 else 2.0 * np.sin(0.5 * turned) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,21 +168,17 @@ class CondensedModel:
             raise NotCondensableError(
                 "this model knows the seen points only; condense with keep_inside = True"
             )
-        from palpate.fastsim.condensed.condense import extend_inside
-
         moved = self.anchors(anchors)
         terms = self.term_factors(support_factors)
         factors = np.concatenate([[load_factor], terms, moved.ravel()])
         seen = self.displacement(
             forces, load_factor=load_factor, support_factors=support_factors, anchors=moved
         )
-        return extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
+        return _extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
 
     def save(self, path: str | Path) -> None:
         """Write the model to an .npz, whole or not at all, with its inside where that was kept."""
-        from palpate.fastsim.condensed.model import write_model
-
-        write_model(path, self)
+        _write_model(path, self)
 
     def _checked(self, forces: ArrayLike) -> Points:
         f = np.ascontiguousarray(forces, dtype=np.float64)
@@ -216,3 +188,142 @@ class CondensedModel:
                 f"({len(self.touched)}, 3), all finite"
             )
         return f
+
+
+# Of the file and of what is in it; another one is refused.
+_VERSION = 2
+_NO_FLOATS = np.zeros(0)
+
+
+def model_key(setup: CondensedSetup, precision: CompliancePrecision) -> str:
+    """SHA-256 by which a model is known again.
+
+    Of the version, the element, the precision, and type, shape and bytes of what is condensed:
+    places, matrix (and so material, springs and supports), right sides, touched and seen points.
+    """
+    words = (str(_VERSION), setup.element.value, precision.value)
+    digest = hashlib.sha256("|".join(words).encode())
+    for array in setup.arrays:
+        digest.update(f"|{array.dtype.str}|{array.shape}|".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _write_model(path: str | Path, model: CondensedModel) -> None:
+    """Write a model, whole or not at all, with its inside where that was kept."""
+    inside = model.inside
+    couplings = [] if inside is None else inside.couplings
+    offsets = [] if inside is None else inside.offsets
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            version=_VERSION,
+            key=model.key,
+            precision=model.precision.value,
+            element=model.element.value,
+            touched=model.touched,
+            seen=model.seen,
+            blocks=model.blocks,
+            load_displacement=model.load_displacement,
+            terms=np.array(model.terms, dtype=np.int64).reshape(-1, 2),
+            term_displacements=model.term_displacements,
+            anchor_displacements=model.anchor_displacements,
+            has_inside=inside is not None,
+            couplings=_in_a_row(couplings),
+            offsets=_in_a_row(offsets),
+        )
+
+
+def read_model(path: str | Path, setup: CondensedSetup) -> CondensedModel:
+    """What `write_model` wrote, for what is set up.
+
+    Raises:
+        FileFormatError: No such file, no model, or one of another version, problem, element or
+            points.
+    """
+    try:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            fields = {name: file[name] for name in file.files}
+        if int(fields["version"]) != _VERSION:
+            raise FileFormatError(path, f"is of version {int(fields['version'])}, not {_VERSION}")
+        precision = CompliancePrecision(str(fields["precision"]))
+        if str(fields["key"]) != model_key(setup, precision):
+            raise FileFormatError(path, "is the model of another problem; condense this one anew")
+        return _model_of(fields, precision, setup)
+    except FileFormatError:
+        raise
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise FileFormatError(path, f"is no condensed model ({error})") from error
+
+
+def _model_of(
+    fields: dict[str, NDArray[Any]], precision: CompliancePrecision, setup: CondensedSetup
+) -> CondensedModel:
+    seen, springs = len(setup.seen), len(setup.problem.springs)
+
+    def checked(name: str, *shape: int, dtype: str = "float64") -> NDArray[Any]:
+        array = fields[name]
+        if array.shape != shape or array.dtype != dtype:
+            raise ValueError(f"{name} is of shape {array.shape}, {array.dtype}")
+        return np.ascontiguousarray(array)
+
+    inside = None
+    if bool(fields["has_inside"]):
+        fronts = setup.dissection.nodes
+        num_sides = setup.right_sides.shape[1]
+        inside = Condensed(
+            np.zeros((0, 0)),
+            np.zeros((0, num_sides)),
+            setup.dissection,
+            _cut(fields["couplings"], [(3 * len(n.own), 3 * len(n.border)) for n in fronts]),
+            _cut(fields["offsets"], [(3 * len(n.own), num_sides) for n in fronts]),
+        )
+    return CondensedModel(
+        problem=setup.problem,
+        element=Element(str(fields["element"])),
+        precision=precision,
+        touched=setup.touched,
+        seen=setup.seen,
+        blocks=checked("blocks", setup.num_blocks, 9, dtype=str(precision.dtype)),
+        load_displacement=checked("load_displacement", seen, 3),
+        terms=tuple(SupportTerm(int(s), int(k)) for s, k in fields["terms"]),
+        term_displacements=checked("term_displacements", len(setup.terms), seen, 3),
+        anchor_displacements=checked("anchor_displacements", springs, 3, seen, 3),
+        key=str(fields["key"]),
+        inside=inside,
+    )
+
+
+def _in_a_row(arrays: Sequence[Floats]) -> Floats:
+    return np.concatenate([_NO_FLOATS, *(array.ravel() for array in arrays)])
+
+
+def _cut(numbers: Floats, shapes: Sequence[tuple[int, int]]) -> list[Floats]:
+    sizes = [rows * columns for rows, columns in shapes]
+    if numbers.shape != (sum(sizes),) or numbers.dtype != np.float64:
+        raise ValueError(f"the inside has {numbers.size} numbers, not {sum(sizes)}")
+    pieces = np.split(numbers, np.cumsum(sizes)[:-1]) if sizes else []
+    return [piece.reshape(shape) for piece, shape in zip(pieces, shapes, strict=True)]
+
+
+def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Points:
+    """Displacement of all points from that of the touched ones [m], shape (num_points, 3).
+
+    Args:
+        model: With its inside.
+        touched: Displacement of the touched points [m], shape (num_touched, 3).
+        factors: Of the loads, of each term, and displacements of the springs' anchors [m].
+    """
+    assert model.inside is not None
+    problem = model.problem
+    supports = HeldPoints(problem)
+    fields = held_fields_of(problem, supports, model.terms)
+    held = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
+    at_touched = np.zeros_like(problem.mesh.points)
+    at_touched[model.touched] = touched
+    # Free components follow the elimination; held ones are where their supports put them.
+    own = np.where(supports.is_free != 0, supports.to_local(at_touched), 0.0)[model.touched]
+    found = model.inside.extend(
+        own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]
+    ).reshape(-1, 3)
+    return supports.to_global(np.where(supports.is_free != 0, found, held))

@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.condensed.elimination import Dissection, Graph, dissect
-from palpate.fastsim.condensed.setup import NotCondensableError
-from palpate.fastsim.condensed.model import CompliancePrecision, SupportTerm
+from palpate.fastsim.errors import FastsimError
 from palpate.fastsim.forces import external_force, lumped_areas
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import HeldPoints, turning
@@ -25,11 +25,45 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
 # Columns of the compliance extended to seen points at a time.
 COLUMNS = 384
+
+
+class CompliancePrecision(StrEnum):
+    """In which numbers the compliance is kept; everything is computed in double."""
+
+    SINGLE = "single"
+    DOUBLE = "double"
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the kept numbers."""
+        return np.dtype(np.float32 if self is CompliancePrecision.SINGLE else np.float64)
+
+
+class SupportTerm(NamedTuple):
+    """A part of a support's movement that has a factor of its own.
+
+    Attributes:
+        support: Number of the support, from 0.
+        kind: 0 is its displacement, with its factor s; 1 and 2 are its turn by an angle,
+            sin(s angle) across and 1 - cos(s angle) inwards.
+    """
+
+    support: int
+    kind: int
+
+    def factor(self, problem: Problem, s: float) -> float:
+        """Its factor at a part s of the support's full size."""
+        rotation = problem.supports[self.support].rotation
+        if self.kind == 0 or rotation is None:
+            return s
+        turned = s * rotation.angle
+        return float(np.sin(turned) if self.kind == 1 else 2.0 * np.sin(0.5 * turned) ** 2)
 
 
 @dataclass(frozen=True)
@@ -266,3 +300,42 @@ def _require_condensable(problem: Problem) -> None:
                 f"load {number} ({type(load).__name__}) depends on the displacement; the condensed "
                 "model takes forces that do not"
             )
+
+
+class NotCondensableError(InputError):
+    """A problem that the condensed linear model cannot pose; the message says what to do."""
+
+
+class CondensedTooLargeError(InputError):
+    """More memory than is allowed, told before any of it is taken.
+
+    Attributes:
+        needed_bytes: While the model is built.
+        allowed_bytes: The limit.
+    """
+
+    def __init__(self, needed_bytes: int, allowed_bytes: int, about: str) -> None:
+        self.needed_bytes = needed_bytes
+        self.allowed_bytes = allowed_bytes
+        super().__init__(
+            f"condensing needs {needed_bytes / 1e6:.0f} MB ({about}), more than the "
+            f"{allowed_bytes / 1e6:.0f} MB allowed; name fewer touched points (the `region` of a "
+            "case's tool), or allow more (most_bytes)"
+        )
+
+
+class UnsettledContactError(FastsimError):
+    """A step in which contact did not settle; the model is as it was before the step.
+
+    Attributes:
+        iterations: Newton iterations of the step.
+        error: Gap or displacement by which the last of them was wrong [m].
+    """
+
+    def __init__(self, iterations: int, error: float) -> None:
+        self.iterations = iterations
+        self.error = error
+        super().__init__(
+            f"contact did not settle in {iterations} iterations (wrong by {error:.2g} m); move the "
+            "tools less far in a step"
+        )

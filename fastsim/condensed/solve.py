@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.fastsim.condensed.condense import MOST_BYTES, condense
-from palpate.fastsim.condensed.setup import NotCondensableError, UnsettledContactError
-from palpate.fastsim.condensed.condense import condense_once
+from palpate.fastsim.condensed.condense import MOST_BYTES, condense, condense_once
 from palpate.fastsim.condensed.model import CondensedModel
-from palpate.fastsim.condensed.setup import surface_points
+from palpate.fastsim.condensed.setup import (
+    NotCondensableError,
+    UnsettledContactError,
+    surface_points,
+)
 from palpate.fastsim.condensed.steps import CondensedSteps, StepState, require_known_tool
 from palpate.fastsim.contact.contact_law import (
     ContactLaw,
