@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.static_contact import solve_contact
-from palpate.fastsim.grading.graded_mesh import carry_problem
-from palpate.fastsim.grading.graded_mesh import estimate_error, mark_largest
-from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.fastsim.grading.graded_mesh import (
+    GradedMesh,
+    carry_problem,
+    estimate_error,
+    mark_largest,
+)
 from palpate.fastsim.grading.symbolic_cube import SymbolicCube
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
