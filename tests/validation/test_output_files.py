@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,25 +16,18 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.validation.case import load_case
-from palpate.validation.cli import main
 from palpate.validation.output_files import OutputError, input_files, require_outputs
 
 Run = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def palpate(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], project: Path
-) -> Run:
+def palpate(palpate_run: Callable[..., Any], project: Path) -> Run:
     """Run the command line in the project's folder; exit code and standard error."""
 
     def run(*words: object) -> tuple[int, str]:
-        monkeypatch.chdir(project)
-        monkeypatch.setattr("sys.argv", ["palpate", *map(str, words)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        assert isinstance(caught.value.code, int)
-        return caught.value.code, capsys.readouterr().err
+        done = palpate_run(*words, folder=project)
+        return done.returncode, done.stderr
 
     return run
 

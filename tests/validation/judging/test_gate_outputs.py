@@ -7,7 +7,9 @@ import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -99,16 +101,11 @@ def test_a_diagnosis_stands_in_every_output(softer: CaseResult) -> None:
     assert "half the load" not in texts[1]
 
 
-def test_the_gate_tells_github() -> None:
-    import os
-
-    done = subprocess.run(
-        [
-            sys.executable, "-m", "palpate.validation.cli", "gate", "block", "--fault", "softer",
-        ],
-        capture_output=True, text=True, timeout=300, check=False,
-        env={**os.environ, "GITHUB_ACTIONS": "true"},
-    )  # fmt: skip
+def test_the_gate_tells_github(
+    palpate_run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    done = palpate_run("gate", "block", "--fault", "softer")
     assert done.returncode == 1, done.stderr
     assert "::error " in done.stdout
 

@@ -19,7 +19,6 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate, result_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
-from palpate.validation.cli import main
 from palpate.validation.exchange.nodal_arrays import (
     cell_materials,
     fixed_components,
@@ -281,17 +280,14 @@ def test_the_precision_stands_in_every_output():
     assert "single precision" in outputs.summary_markdown(results)
 
 
-def test_the_caller_grants_it_on_the_command_line(tmp_path, monkeypatch):
+def test_the_caller_grants_it_on_the_command_line(tmp_path, command_line):
     problem = load_case("block").problem
     state = load_stored("block", problem).states[SAME_MESH, Strain.GREEN]
     answer = tmp_path / "answer.npz"
     np.savez(answer, displacement=as_places(problem.mesh.points, state.displacement))
 
     def code(*more):
-        monkeypatch.setattr("sys.argv", ["palpate", "compare", "block", str(answer), *more])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        return caught.value.code
+        return command_line("compare", "block", answer, *more)
 
     assert code() == 1
     assert code("--precision", "single") == 0
