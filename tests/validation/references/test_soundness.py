@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.metrics import make_state
@@ -18,6 +19,7 @@ from palpate.validation.references.reference_set import (
     SMOOTHED,
     TRUTH,
 )
+from palpate.validation.references.runs import at_points_of
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.references.stored import (
     UnsoundReferenceError,
@@ -28,7 +30,7 @@ from palpate.validation.references.stored import (
     store,
     write_reference,
 )
-from palpate.validation.states import Trajectory
+from palpate.validation.states import State, Trajectory
 
 
 def references_of(name):
@@ -236,3 +238,27 @@ def test_a_state_whose_name_stands_for_another_element_is_refused():
     problem, references = references_of("block")
     wrong = changed(references, SMOOTHED, element=Element.LINEAR)
     assert "its name stands for smoothed ones" in contradictions(problem, wrong)
+
+
+def test_refined_states_are_read_at_the_first_points():
+    mesh, few = brick_box((2, 1, 1), (0.2, 0.1, 0.1)), brick_box((1, 1, 1), (0.1, 0.1, 0.1))
+    field = np.zeros((mesh.num_points, 3))
+    field[:, 0] = 0.3 * mesh.points[:, 0]
+    many = State("made up", "reference", Strain.GREEN, 2, field, 1.1e-3, 0.05, 1.0, 0.06)
+    found = at_points_of(few, many)
+    assert found.displacement.shape == (few.num_points, 3)
+    assert found.max_displacement == np.linalg.norm(found.displacement, axis=1).max()
+    assert found.volume == many.volume
+
+
+def test_a_reference_cut_in_eight_carries_its_orders():
+    _, stored = references_of("block-fine")
+    convergence = stored.provenance["grid_convergence"]
+    for strain in Strain:
+        order = convergence[strain.value]["displacement_l2"]["order"]
+        assert 1.0 < order < 3.0
+        bar = stored.bars["displacement_l2", strain]
+        assert bar == convergence[strain.value]["displacement_l2"]["error_bar"]
+    # This area does not converge yet, and so decides nothing.
+    assert convergence["green"]["surface_area"]["behaviour"] == "order out of range"
+    assert stored.bars["surface_area", Strain.GREEN] == math.inf
