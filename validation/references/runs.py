@@ -115,7 +115,7 @@ def solve_explicit(
         SteppedTask(Integrator.CENTRAL_DIFFERENCES, strain, element), problem, time_limit
     )
     return _motion_state(
-        problem,
+        problem.mesh,
         strain,
         found.times,
         found.displacements,
@@ -165,7 +165,7 @@ def solve_by_steps(
     task = SteppedTask(steps.integrator, strain, element)
     result, seconds = _timed(task, stepped, TIME_LIMIT)
     return _motion_state(
-        problem,
+        problem.mesh,
         strain,
         result.times,
         result.displacements,
@@ -225,11 +225,11 @@ def solve_implicit(
             task, spectral_radius=_WITH_TOOLS, relative_tolerance=_BALANCED_WITH_TOOLS
         )
     found, seconds = _timed(task, stepped, time_limit)
-    at_mesh = problem if at is None else dataclasses.replace(problem, mesh=at)
+    mesh = problem.mesh if at is None else at
     # A truth in seven digits: its error bar is far above, and the file half as large.
-    seven = found.displacements[:, : at_mesh.mesh.num_points].astype(np.float32)
+    seven = found.displacements[:, : mesh.num_points].astype(np.float32)
     return _motion_state(
-        at_mesh,
+        mesh,
         strain,
         found.times,
         seven.astype(np.float64),
@@ -365,10 +365,10 @@ def at_points_of(mesh: TetMesh, state: State) -> State:
 
 
 def _motion_state(
-    problem: Problem, strain: Strain, times: Points, displacements: Points, **more: Any
+    mesh: TetMesh, strain: Strain, times: Points, displacements: Points, **more: Any
 ) -> State:
     return make_state(
-        problem.mesh,
+        mesh,
         displacements[-1],
         simulator=REFERENCE,
         strain=strain,
