@@ -70,8 +70,6 @@ class CaseJudge:
 
     def check(self, spec: CheckSpec, candidate: State | None, failure: str = "") -> CheckResult:
         """Judge one check of an answer; `failure` says why there is none."""
-        from palpate.validation.references.geometry import shape_of
-
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
         if not is_truth:
@@ -92,11 +90,17 @@ class CaseJudge:
             failure or self._why_missing(spec),
             self.case.spec.units,
             parts=parts,
-            shape=shape_of(self.references),
+            shape=self._shape() if parts.geometry else "",
         )
         if spec.is_of_truth_alone:
             return found
         return replace(found, element=self.references.element)
+
+    def _shape(self) -> str:
+        """The true surface that the case's mesh is a polyhedron of, in words."""
+        from palpate.validation.references.geometry import shape_of
+
+        return shape_of(self.references)
 
     def is_vacuous(self, spec: CheckSpec) -> bool:
         """Whether the check says nothing of a candidate: the null answer passes it too.
