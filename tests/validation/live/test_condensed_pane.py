@@ -12,7 +12,7 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
-from palpate.validation.live.client import connected
+from palpate.validation.live.bench_touch import connected
 from palpate.validation.live.live_case import Touch, live_case
 from palpate.validation.live.panes import ExplicitPane, Surface, condensed_words, make_panes
 from palpate.validation.live.recording import take_hold

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.validation.live.client import connected
+from palpate.validation.live.bench_touch import connected
 from palpate.validation.report.pdf import find_browser
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from palpate.validation.case import load_case
-from palpate.validation.live.client import Client, connected
+from palpate.validation.live.bench_touch import Client, connected
 from palpate.validation.live.live_case import Touch
 from palpate.validation.live.server import IN_USE, PageServer, TouchUnavailableError
 

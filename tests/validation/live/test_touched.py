@@ -17,7 +17,7 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.live.client import Client, connected
+from palpate.validation.live.bench_touch import Client, connected
 from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import Touch, live_case, problem_of
 from palpate.validation.live.panes import ExplicitPane, Surface
