@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -157,32 +157,24 @@ SHAPES: dict[str, tuple[str, ...]] = {
 }
 
 
+if TYPE_CHECKING:
+    ShapeName: TypeAlias = str
+else:
+    ShapeName = Literal[tuple(SHAPES)]
 _REPAIR_KEYS = ("repair_distance", "largest_hole", "smallest_shell")
 
 
 class GeometrySpec(Table):
     """Exactly one of a built-in shape, a surface file or a mesh file."""
 
-    shape: (
-        Literal[
-            "box",
-            "beam",
-            "cylinder",
-            "sphere",
-            "kidney",
-            "hollow_sphere",
-            "hollow_octant",
-            "tube",
-        ]
-        | None
-    ) = None
+    shape: ShapeName | None = None
     """A built-in shape, in place of a file; an octant has x, y, z >= 0, for symmetry planes."""
     surface: str | None = None
     """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu."""
     mesh: str | None = None
     """A mesh of tetrahedra beside this file, in place of a surface: .msh, .vtk, .vtu."""
     repair: Flag = False
-    """Mend the surface; what was done stands in the report."""
+    """Repair the surface; what was done stands in the report."""
     repair_distance: Positive | None = None
     """How far it may move where it cuts itself [units.length]; two mean edges where not said."""
     largest_hole: Annotated[Count, Field(ge=0)] = LARGEST_HOLE

@@ -152,21 +152,15 @@ class OverTime(Table):
     """Its factor over time; statics take it as 1."""
 
 
-class TurnSpec(Table):
-    """A turn about an axis through a place, the exact one at every part of the load."""
+class TurnSpec(RotationSpec):
+    """A turn about an axis through a point, the exact one at every part of the load."""
 
     axis: Vector
     """Direction of the axis, of any length; the turn is right-handed about it."""
     center: Vector
-    """A place on the axis [units.length]."""
+    """A point on the axis [units.length]."""
     angle_deg: Number
     """At full size [degrees]; more than a whole turn is one."""
-
-    @model_validator(mode="after")
-    def _has_an_axis(self) -> TurnSpec:
-        if not any(self.axis):
-            raise ValueError("axis = [0, 0, 0] turns nothing; give a direction")
-        return self
 
 
 class SupportSpec(OverTime):

@@ -47,7 +47,6 @@ from palpate.validation.case.body_schema import InclusionSpec, MaterialSpec
 from palpate.validation.case.geometry import inside_folder, load_surface
 from palpate.validation.case.loading_schema import (
     AmplitudeSpec,
-    DriveSpec,
     ForceSpec,
     GravitySpec,
     LoadSpec,
@@ -60,7 +59,6 @@ from palpate.validation.case.loading_schema import (
     SupportSpec,
     ToolSpec,
     TractionSpec,
-    TurnSpec,
 )
 from palpate.validation.case.regions import (
     chooses_points,
@@ -99,9 +97,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
         tuple(build.support(s, f"support {k}") for k, s in enumerate(spec.support, 1)),
         tuple(build.load(s, material, f"load {k}") for k, s in enumerate(spec.load, 1)),
         None if time is None else TimeSpan(**time.model_dump()),
-        tuple(
-            build_tool(s, mesh, spec.units, folder, f"tool {k}") for k, s in enumerate(spec.tool, 1)
-        ),
+        tuple(build.tool(s, folder, f"tool {k}") for k, s in enumerate(spec.tool, 1)),
         tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
         build.start(spec.initial_velocity),
         tuple(build.spring(s, f"spring {k}") for k, s in enumerate(spec.spring, 1)),
@@ -178,16 +174,12 @@ class _Builder:
                     points, facets, displacement=displacement, amplitude=amplitude, normal=normal
                 )
             x, y, z = axis
-        return Support(
-            points, facets, (x, y, z), displacement, amplitude, self._rotation(spec.rotation)
-        )
-
-    def _rotation(self, spec: TurnSpec | None) -> Rotation | None:
-        if spec is None:
-            return None
-        return Rotation(
-            _unit(spec.axis), self.units.place(spec.center), math.radians(spec.angle_deg)
-        )
+        turn = spec.rotation
+        rotation = None
+        if turn is not None:
+            center, angle = self.units.place(turn.center), math.radians(turn.angle_deg)
+            rotation = Rotation(_unit(turn.axis), center, angle)
+        return Support(points, facets, (x, y, z), displacement, amplitude, rotation)
 
     def start(self, spec: StartSpec | None) -> InitialVelocity | None:
         if spec is None:
@@ -219,6 +211,24 @@ class _Builder:
         except InputError as error:
             raise InputError(f"{what}: {error}") from error
 
+    def tool(self, spec: ToolSpec, folder: Path, what: str) -> RigidTool:
+        units, drive = self.units, None
+        facets = np.zeros((0, 3), dtype=np.int32)
+        if spec.region is not None:
+            facets = select_facets(self.mesh, spec.region, units, what)
+        path = ToolPath(
+            np.array([pose.time for pose in spec.pose]),
+            np.array([units.place(pose.position) for pose in spec.pose]),
+            np.array([_quaternion(pose) for pose in spec.pose]),
+        )
+        if spec.drive is not None:
+            amplitude, force = _amplitude(spec.drive.amplitude), units.newtons(spec.drive.force)
+            assert amplitude is not None
+            drive = ForceDrive(spec.drive.direction, force, amplitude, spec.drive.mass)
+        path = smooth_path(path) if spec.smooth else path
+        shape = _shape(spec, units, folder)
+        return RigidTool(shape, path, spec.friction_coefficient, facets, drive)
+
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         built = self._load(spec, material, what)
         factors = (1.0,) if built.amplitude is None else built.amplitude.factors
@@ -231,27 +241,23 @@ class _Builder:
 
     def _load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         mesh, units, amplitude = self.mesh, self.units, _amplitude(spec.amplitude)
+        if isinstance(spec, GravitySpec):
+            gx, gy, gz = (material.density * a for a in spec.acceleration)
+            return BodyForce((gx, gy, gz), amplitude)
+        if isinstance(spec, PointForceSpec):
+            points = single_points(mesh, spec.region, units, what)
+            force = np.array([[units.newtons(f) for f in spec.force]])
+            return PointForce(points, np.repeat(force, len(points), axis=0), amplitude)
+        facets = select_facets(mesh, spec.region, units, what)
         match spec:
-            case GravitySpec():
-                gx, gy, gz = (material.density * a for a in spec.acceleration)
-                return BodyForce((gx, gy, gz), amplitude)
-            case PointForceSpec():
-                points = single_points(mesh, spec.region, units, what)
-                force = np.array([[units.newtons(f) for f in spec.force]])
-                return PointForce(points, np.repeat(force, len(points), axis=0), amplitude)
             case PressureSpec():
-                facets = select_facets(mesh, spec.region, units, what)
                 return Pressure(facets, units.pascals(spec.pressure), amplitude)
             case TractionSpec():
-                facets = select_facets(mesh, spec.region, units, what)
                 return self._traction(spec, facets, amplitude, what)
             case MomentSpec():
-                facets = select_facets(mesh, spec.region, units, what)
-                metre = units.metres(1.0)
-                moment = [units.newtons(m) * metre for m in spec.moment]
+                moment = [units.newtons(m) * units.metres(1.0) for m in spec.moment]
                 return moment_traction(mesh, facets, moment, amplitude)
             case ForceSpec():
-                facets = select_facets(mesh, spec.region, units, what)
                 area = float(facet_areas(mesh.points, facets).sum())
                 tx, ty, tz = (units.newtons(f) / area for f in spec.force)
                 return Traction(facets, (tx, ty, tz), amplitude)
@@ -298,47 +304,6 @@ def _unit(values: tuple[float, float, float]) -> tuple[float, float, float]:
 
 def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:
     return None if spec is None else TabularAmplitude(spec.times, spec.factors, spec.smooth)
-
-
-def build_tool(spec: ToolSpec, mesh: TetMesh, units: Units, folder: Path, what: str) -> RigidTool:
-    """A tool in SI units, with the facets that it may touch.
-
-    Args:
-        spec: Its table.
-        mesh: The case's [m].
-        units: The case's.
-        folder: Where the case file lies: a tool's surface is read from there.
-        what: "tool 1": for messages.
-
-    Raises:
-        InputError: A region that selects nothing, a surface that bounds no solid, a bad value.
-    """
-    facets = (
-        np.zeros((0, 3), dtype=np.int32)
-        if spec.region is None
-        else select_facets(mesh, spec.region, units, what)
-    )
-    path = ToolPath(
-        np.array([pose.time for pose in spec.pose]),
-        np.array([units.place(pose.position) for pose in spec.pose]),
-        np.array([_quaternion(pose) for pose in spec.pose]),
-    )
-    path = smooth_path(path) if spec.smooth else path
-    return RigidTool(
-        _shape(spec, units, folder),
-        path,
-        spec.friction_coefficient,
-        facets,
-        _drive(spec.drive, units),
-    )
-
-
-def _drive(spec: DriveSpec | None, units: Units) -> ForceDrive | None:
-    if spec is None:
-        return None
-    table = spec.amplitude
-    amplitude = TabularAmplitude(table.times, table.factors, table.smooth)
-    return ForceDrive(spec.direction, units.newtons(spec.force), amplitude, spec.mass)
 
 
 def _shape(spec: ToolSpec, units: Units, folder: Path) -> ToolShape:
