@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.mesher import MeshingError, MeshingReport, mesh_surface
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.errors import InputError, NonManifoldError, SurfaceError
+from palpate.meshes.errors import InputError
 from palpate.meshes.shells import winding_numbers
 from palpate.meshes.surface_checks import merge_equal_points, require_closed
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import NonManifoldError, SurfaceError, TriSurface
 
 # Pairs of crossing facets that are looked for.
 _MOST_PAIRS = 1000

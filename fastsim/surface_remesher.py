@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.errors import MeshError, SelfIntersectionError
+from palpate.meshes.errors import MeshError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
 
 # Where the two-way distance comes out too large, or sheets meet, a tighter bound is tried on
 # each step.

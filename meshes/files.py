@@ -22,8 +22,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
-from palpate.meshes.near_duplicates import find_near_duplicates
-from palpate.meshes.surface_checks import merge_equal_points
+from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted_arrays import limited_memory, unpacked_bytes

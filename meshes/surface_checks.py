@@ -5,8 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices
-from palpate.meshes.errors import (
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.facet_topology import (
+    EdgeUses,
+    Integers,
+    edge_uses,
+    facet_parts,
+    parts_by_plain_edges,
+    points_with_several_fans,
+)
+from palpate.meshes.shells import Shell, require_nested
+from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     DuplicateFacetError,
     EmptySurfaceError,
@@ -15,16 +25,8 @@ from palpate.meshes.errors import (
     OpenSurfaceError,
     OrientationError,
     SurfaceError,
+    TriSurface,
 )
-from palpate.meshes.facet_topology import (
-    EdgeUses,
-    edge_uses,
-    facet_parts,
-    parts_by_plain_edges,
-    points_with_several_fans,
-)
-from palpate.meshes.shells import Shell, require_nested
-from palpate.meshes.tri_surface import TriSurface
 
 # A fin has at most this part of the area: a larger sheet may be what was meant.
 LARGEST_FIN = 0.1
@@ -160,3 +162,43 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
     rank[order] = np.arange(len(order))
     facets = rank[inverse.reshape(-1)[compact.reshape(-1)]].reshape(-1, 3)
     return TriSurface(points[first[order]], facets)
+
+
+# Of the longest side of the bounding box: some ten roundings of single precision, in which STL
+# files are written (eps 1.2e-7).
+NEAR = 1e-6
+
+# More points than this about one of them mean a distance without sense.
+_MOST_IN_REACH = 1000
+
+
+def find_near_duplicates(points: Points, distance: float | None = None) -> Integers:
+    """Pairs of points within a distance of each other, equal ones included.
+
+    Args:
+        points: [m], shape (num_points, 3).
+        distance: [m], >= 0; None takes `NEAR` of the longest side of the bounding box.
+
+    Returns:
+        Pairs, ascending, shape (num_pairs, 2).
+
+    Raises:
+        InputError: The distance is not a number >= 0, or so large that a thousand points lie in it.
+    """
+    if len(points) < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    size = float(np.ptp(points, axis=0).max())
+    reach = NEAR * size if distance is None else distance
+    if not (np.isfinite(reach) and reach >= 0.0):
+        raise InputError(f"distance = {reach:g} m: needs a finite value of at least 0")
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    crowd = int(tree.query_ball_point(points, reach, return_length=True).max())
+    if crowd > _MOST_IN_REACH:
+        raise InputError(
+            f"distance = {reach:.3g} m: {crowd} points lie within such a distance; take less"
+        )
+    pairs = np.sort(tree.query_pairs(reach, output_type="ndarray"), axis=1).astype(np.int64)
+    unique: Integers = np.unique(pairs.reshape(-1, 2), axis=0)
+    return unique

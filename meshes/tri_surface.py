@@ -1,13 +1,15 @@
-"""TriSurface: a triangulated surface, and the checks that it bounds a solid."""
+"""TriSurface: a triangulated surface; what keeps one from bounding a solid, as typed errors."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
+from palpate.meshes.errors import MeshError, first_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +66,126 @@ class TriSurface:
         centre = self.points.mean(axis=0)
         height = (self.points - centre)[self.facets].mean(axis=1)
         return float(np.einsum("ij,ij->", height, self.area_vectors) / 3.0)
+
+
+class SurfaceError(MeshError):
+    """A surface that bounds no solid; `.facets` holds the guilty facets.
+
+    `.summary` says what is wrong without their numbers, `.surface` is the one that has these
+    numbers where it is known, `.done` is what a repair had done before, `.hint` what would help.
+    """
+
+    def __init__(
+        self, message: str, facets: Sequence[int] = (), *, summary: str | None = None
+    ) -> None:
+        self.facets = [int(i) for i in facets]
+        self.summary = message if summary is None else summary
+        self.surface: TriSurface | None = None
+        self.done: list[str] = []
+        self.hint = ""
+        super().__init__(message)
+
+
+class EmptySurfaceError(SurfaceError):
+    """A surface without facets."""
+
+
+class OpenSurfaceError(SurfaceError):
+    """Edges with one facet only: `.edges`, pairs of points; `.num_holes` counts their loops."""
+
+    def __init__(self, edges: Sequence[tuple[int, int]], facets: Sequence[int]) -> None:
+        self.edges = [(int(a), int(b)) for a, b in edges]
+        self.num_holes = _count_loops(self.edges)
+        summary = (
+            f"the surface is open: {self.num_holes} hole(s), {len(self.edges)} edge(s) with one "
+            "facet only"
+        )
+        super().__init__(
+            f"{summary}, at points {first_of(self.edges, 3)}; close the holes",
+            facets,
+            summary=summary,
+        )
+
+
+class FinError(SurfaceError):
+    """Sheets that hang on the surface and end free; there is no hole."""
+
+    def __init__(self, facets: Sequence[int], num_fins: int) -> None:
+        self.num_fins = num_fins
+        summary = f"{num_fins} fin(s) of {len(facets)} facet(s) stand on the surface and end free"
+        super().__init__(
+            f"{summary}: {first_of(list(facets))}; cut them off", facets, summary=summary
+        )
+
+
+class NonManifoldError(SurfaceError):
+    """Edges with more than two facets, or vertices where sheets touch; `.edges`, `.vertices`."""
+
+    def __init__(
+        self,
+        facets: Sequence[int],
+        edges: Sequence[tuple[int, int]] = (),
+        vertices: Sequence[int] = (),
+    ) -> None:
+        self.edges = [(int(a), int(b)) for a, b in edges]
+        self.vertices = [int(v) for v in vertices]
+        what, which = (
+            (f"{len(self.edges)} edge(s) with more than two facets", first_of(self.edges, 3))
+            if self.edges
+            else (f"{len(self.vertices)} vertex(es) where sheets touch", first_of(self.vertices))
+        )
+        summary = f"the surface is not manifold: {what}"
+        super().__init__(f"{summary}: {which}; separate the sheets", facets, summary=summary)
+
+
+class OrientationError(SurfaceError):
+    """Facets whose orientation differs from their neighbours', or that all point inwards."""
+
+
+class DegenerateFacetError(SurfaceError):
+    """Facets of zero area or with a repeated point."""
+
+    def __init__(self, facets: Sequence[int]) -> None:
+        summary = f"{len(facets)} facet(s) of zero area"
+        super().__init__(
+            f"{summary}: {first_of(list(facets))}; remove or re-mesh them", facets, summary=summary
+        )
+
+
+class DuplicateFacetError(SurfaceError):
+    """The same three points make more than one facet."""
+
+    def __init__(self, facets: Sequence[int]) -> None:
+        summary = f"{len(facets)} facet(s) given more than once"
+        super().__init__(
+            f"{summary}: {first_of(list(facets))}; remove copies", facets, summary=summary
+        )
+
+
+class SelfIntersectionError(SurfaceError):
+    """Facets that cut or touch others; `.pairs` holds them."""
+
+    def __init__(self, pairs: Sequence[tuple[int, int]]) -> None:
+        self.pairs = [(int(a), int(b)) for a, b in pairs]
+        summary = f"the surface intersects itself: {len(self.pairs)} pair(s) of facets"
+        super().__init__(
+            f"{summary}, {first_of(self.pairs, 3)}; repair it before meshing",
+            list(dict.fromkeys(f for pair in self.pairs for f in pair)),
+            summary=summary,
+        )
+
+
+def _count_loops(edges: Sequence[tuple[int, int]]) -> int:
+    """Loops of a graph: edges less points plus connected parts; two that touch are two."""
+    parent: dict[int, int] = {}
+
+    def root(v: int) -> int:
+        while parent.setdefault(v, v) != v:
+            parent[v] = parent[parent[v]]
+            v = parent[v]
+        return v
+
+    for a, b in edges:
+        parent[root(a)] = root(b)
+    parts = sum(root(v) == v for v in list(parent))
+    return len(edges) - len(parent) + parts

@@ -16,10 +16,10 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import grid_of_sizes
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import EmptySurfaceError, InputError
+from palpate.meshes.errors import InputError
 from palpate.meshes.repair.patches import loose_facets
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import EmptySurfaceError, TriSurface
 
 # The grid's cubes and the moves for better triangles, of the distance: a cube's diagonal is 1.7
 # edges, and where both are spent at a sharp edge the distance is not.

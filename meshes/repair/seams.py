@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.facet_topology import Integers, edge_uses
-from palpate.meshes.near_duplicates import NEAR, find_near_duplicates
+from palpate.meshes.surface_checks import NEAR, find_near_duplicates
 
 # Points on rims are one where they are this near to each other, of the shortest edge at either.
 _WELD = 0.01

@@ -9,16 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.errors import DegenerateFacetError, NonManifoldError, OrientationError
 from palpate.meshes.facet_topology import connected_parts, edge_uses
-from palpate.meshes.near_duplicates import find_near_duplicates
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.hole_filling import close_holes
 from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
 from palpate.meshes.repair.seams import cut_at_hanging_points, flip_flat_facets, rim_pairs
 from palpate.meshes.repair.sheets import Fits, double_walls, fins_of, split_touching
 from palpate.meshes.shells import ShellKind, find_shells
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.surface_checks import find_near_duplicates
+from palpate.meshes.tri_surface import (
+    DegenerateFacetError,
+    NonManifoldError,
+    OrientationError,
+    TriSurface,
+)
 
 
 @dataclass

@@ -18,12 +18,12 @@ from palpate.fastsim.mesher import (
     mesh_surface,
     require_boundary,
 )
-from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
+from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import dihedral_angles, edge_lengths, measure_quality
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OpenSurfaceError, SelfIntersectionError, TriSurface
 
 # Volumes are sums of as many roundings as there are cells: 1e-12 leaves room for 1e4.
 VOLUME_TOLERANCE = 1e-12

@@ -7,11 +7,11 @@ import pytest
 
 from palpate.fastsim.mesher import Boundary, MeshingReport, mesh_surface
 from palpate.fastsim.surface_remesher import keep_volume, remesh_surface
-from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
+from palpate.meshes.errors import InputError
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OpenSurfaceError, SelfIntersectionError, TriSurface
 
 
 def poor_sphere(waves: int) -> TriSurface:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import MeshError, OpenSurfaceError
+from palpate.meshes.errors import MeshError
 from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import measure_quality
@@ -16,7 +16,7 @@ from palpate.meshes.shapes import (
     shape_sphere,
     shape_tube,
 )
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OpenSurfaceError, TriSurface
 
 gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
 

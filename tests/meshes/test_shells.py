@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import OrientationError, SelfIntersectionError
 from palpate.meshes.gmsh_mesher import require_apart
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import (
@@ -16,7 +15,7 @@ from palpate.meshes.shells import (
     winding_numbers,
 )
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OrientationError, SelfIntersectionError, TriSurface
 
 BALL = shape_sphere(1.0, edge_length=0.5)
 

@@ -7,19 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.meshes.errors import (
+from palpate.meshes.errors import IndexRangeError, NonFiniteError
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.surface_checks import merge_equal_points, require_closed
+from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     DuplicateFacetError,
     EmptySurfaceError,
-    IndexRangeError,
-    NonFiniteError,
     NonManifoldError,
     OpenSurfaceError,
     OrientationError,
+    TriSurface,
 )
-from palpate.meshes.shapes import shape_box, shape_sphere
-from palpate.meshes.surface_checks import merge_equal_points, require_closed
-from palpate.meshes.tri_surface import TriSurface
 
 BOX = shape_box(edge_length=0.5)
 

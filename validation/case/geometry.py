@@ -14,18 +14,7 @@ from palpate.fastsim.mending.wrap import WrapError, wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
 from palpate.fastsim.nested_bodies import CrossingBodiesError
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import (
-    DegenerateFacetError,
-    DuplicateFacetError,
-    FileFormatError,
-    FinError,
-    InputError,
-    NonManifoldError,
-    OpenSurfaceError,
-    OrientationError,
-    SelfIntersectionError,
-    SurfaceError,
-)
+from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import read_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
@@ -40,7 +29,17 @@ from palpate.meshes.shapes import (
 )
 from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import (
+    DegenerateFacetError,
+    DuplicateFacetError,
+    FinError,
+    NonManifoldError,
+    OpenSurfaceError,
+    OrientationError,
+    SelfIntersectionError,
+    SurfaceError,
+    TriSurface,
+)
 from palpate.validation.case.body_schema import SHAPES, GeometrySpec
 from palpate.validation.case.units import Units
 

@@ -33,13 +33,13 @@ from palpate.fastsim.mesher import (
 from palpate.fastsim.nested_bodies import CrossingBodiesError, mesh_bodies
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.arrays import Indices
-from palpate.meshes.errors import InputError, MeshError, SurfaceError
+from palpate.meshes.errors import InputError, MeshError
 from palpate.meshes.files import read_mesh
 from palpate.meshes.gmsh_mesher import mesh_with_gmsh
 from palpate.meshes.problem import Material
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import SurfaceError, TriSurface
 from palpate.validation.case.body_schema import GeometrySpec, GradeSpec, MeshSpec
 from palpate.validation.case.geometry import (
     MOST_CELLS,

@@ -90,7 +90,7 @@ def test_what_does_not_go_together_is_refused(ragged_box: TetMesh, single_cell: 
 
 
 def test_the_state_is_shared_without_a_copy(ragged_box: TetMesh) -> None:
-    from palpate.fastsim.gpu.sharing import shared_state
+    from palpate.fastsim.gpu.batch import shared_state
 
     body = ExplicitBody(varied(ragged_box, 1), device=WARP)
     state = shared_state(body)

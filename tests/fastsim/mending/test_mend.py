@@ -10,13 +10,13 @@ import pytest
 from palpate.fastsim.mending.mend import mend_surface
 from palpate.fastsim.mending.patch_attempts import all_crossings
 from palpate.fastsim.mesher import mesh_surface
-from palpate.meshes.errors import InputError, OpenSurfaceError
+from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.repair.hole_filling import find_hole_loops
 from palpate.meshes.shapes import shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OpenSurfaceError, TriSurface
 
 Rows = np.ndarray  # type: ignore[type-arg]
 

@@ -9,12 +9,11 @@ from palpate.fastsim.mending.mend import EntangledError, mend_surface, untangle
 from palpate.fastsim.mending.patch_attempts import all_crossings, distance_apart
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.surface_remesher import mean_edge_length
-from palpate.meshes.errors import SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
 
 KIDNEY = shape_kidney(edge_length=8e-3)
 PLATE = shape_box((1.0, 1.0, 0.1), edge_length=0.05)

@@ -10,11 +10,11 @@ import pytest
 from palpate.fastsim import _core
 from palpate.fastsim.mending.patch_attempts import all_crossings
 from palpate.fastsim.mending.wrap import WrapError, WrapReport, wrap_surface
-from palpate.meshes.errors import EmptySurfaceError, InputError
+from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import winding_numbers
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import EmptySurfaceError, TriSurface
 
 BALL = shape_sphere(1.0, edge_length=0.2)
 

@@ -12,10 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.meshes.errors import SurfaceError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import SurfaceError, TriSurface
 
 Array = NDArray[np.float64]
 Maker = Callable[[np.random.Generator], TriSurface]

@@ -7,11 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import NonManifoldError
 from palpate.meshes.repair.surface_repair import repair_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import merge_equal_points, require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import NonManifoldError, TriSurface
 
 BOX = shape_box((1.0, 1.0, 1.0), edge_length=0.25)
 BALL = shape_sphere(1.0, edge_length=0.3)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.mending.patch_attempts import is_clean
-from palpate.meshes.errors import NonManifoldError
 from palpate.meshes.repair.surface_repair import repair_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import find_shells
 from palpate.meshes.surface_checks import merge_equal_points, require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import NonManifoldError, TriSurface
 
 EDGE = 0.25
 BOX = shape_box((1.0, 1.0, 1.0), edge_length=EDGE)

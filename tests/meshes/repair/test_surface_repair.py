@@ -7,17 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.meshes.errors import (
+from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.surface_checks import find_near_duplicates, require_closed
+from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     NonManifoldError,
     OpenSurfaceError,
     OrientationError,
+    TriSurface,
 )
-from palpate.meshes.near_duplicates import find_near_duplicates
-from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
-from palpate.meshes.shapes import shape_box, shape_sphere
-from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
 
 # Around the box in the plane x = 0.5, in (y, z).
 _AROUND = ((0, 0), (0.5, 0), (1, 0), (1, 0.5), (1, 1), (0.5, 1), (0, 1), (0, 0.5))

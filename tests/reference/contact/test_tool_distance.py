@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import OpenSurfaceError
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -15,7 +14,7 @@ from palpate.meshes.rigid_tool import (
     rotation_matrix,
 )
 from palpate.meshes.shapes import shape_box, shape_sphere
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import OpenSurfaceError, TriSurface
 from palpate.reference.contact.tool_distance import tool_distance
 
 SHAPES = [

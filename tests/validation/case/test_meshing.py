@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.meshes.errors import FinError, InputError, OpenSurfaceError
+from palpate.meshes.errors import InputError
 from palpate.meshes.files import in_file_unit, read_mesh, write_mesh, write_surface
 from palpate.meshes.problem import Strain
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.tri_surface import FinError, OpenSurfaceError, TriSurface
 from palpate.validation.case import load_case
 from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
