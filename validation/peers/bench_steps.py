@@ -10,7 +10,7 @@ rate over that of Saint-Venant-Kirchhoff's in the same run. With a device ours i
 well: bytes_per_cell, which a step moves, counted from the arrays; gigabytes_per_second that this
 makes; share_of_copy, of what copies reach there, if a body is beyond the caches; times_two_cores,
 over our core on two threads; and paper_rate, what an H100's memory would allow at most
-(`palpate.fastsim.gpu.traffic`).
+(`palpate.validation.peers.bench_traffic`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import SAFETY, Precision
-from palpate.fastsim.gpu.traffic import paper_rate
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box
@@ -34,6 +33,7 @@ from palpate.meshes.problem import Element, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.bench_traffic import paper_rate
 from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
