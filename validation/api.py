@@ -54,6 +54,8 @@ from palpate.validation.states import (
 )
 
 if TYPE_CHECKING:
+    from pyvista import UnstructuredGrid
+
     from palpate.reference.result import Audit
     from palpate.validation.candidates.candidate import Candidate
     from palpate.validation.case import Case
@@ -105,6 +107,7 @@ __all__ = [
     "mesh",
     "simulate",
     "solve",
+    "to_pyvista",
 ]
 
 # A case that was read, the name of a built-in one, or a path to a .toml file.
@@ -400,3 +403,34 @@ def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = Non
 
 def _case(case: AnyCase) -> Case:
     return load_case(case) if isinstance(case, str | Path) else case
+
+
+def to_pyvista(problem: Problem, state: State, *, step: int = -1) -> UnstructuredGrid:
+    """The deformed body as an `UnstructuredGrid` of pyvista, with what was computed as its data.
+
+    `grid.plot(scalars="displacement")` shows it, and every filter of pyvista works on it. Points
+    are deformed, x = X + u.
+
+    Args:
+        problem: That was solved.
+        state: Its solution.
+        step: Of a motion, the number of the output time; the last one unless asked for.
+
+    Returns:
+        Points [m]; point data `displacement` [m]; of the last state also cell data `von_mises` and
+        `cauchy_stress` [Pa] (nine components, row by row), where the state has stresses.
+
+    Raises:
+        InputError: pyvista is not installed; or there is no such output time; or the state is on
+            another mesh.
+
+    >>> import importlib.util
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> if importlib.util.find_spec("pyvista"):
+    ...     grid = palpate.to_pyvista(problem, palpate.solve(problem))
+    ...     assert grid.n_cells == problem.mesh.num_cells
+    """
+    from palpate.validation.report.pyvista_grid import to_pyvista as make_grid
+
+    return make_grid(problem, state, step=step)

@@ -1,0 +1,41 @@
+"""A solution as a grid of pyvista."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate
+
+pytest.importorskip("pyvista")
+
+
+def test_the_grid_is_the_deformed_body_with_its_fields() -> None:
+    problem = palpate.load_case("block").problem
+    state = palpate.solve(problem)
+    grid = palpate.to_pyvista(problem, state)
+    assert np.array_equal(grid.points, problem.mesh.points + state.displacement)
+    assert np.array_equal(grid.cells_dict[10], problem.mesh.cells)
+    assert np.array_equal(grid.point_data["displacement"], state.displacement)
+    assert state.stresses is not None
+    assert np.array_equal(grid.cell_data["von_mises"], state.stresses.von_mises)
+    # VTK's own volumes, in the sum, are those of the state.
+    sizes = grid.compute_cell_sizes(length=False, area=False, volume=True)
+    assert sizes.cell_data["Volume"].sum() == pytest.approx(state.volume, rel=1e-12)
+
+
+def test_of_a_motion_the_step_is_chosen_and_must_exist() -> None:
+    problem = palpate.load_case("block-motion").problem
+    state = palpate.solve(problem)
+    assert state.trajectory is not None
+    grid = palpate.to_pyvista(problem, state, step=3)
+    moved = np.asarray(grid.points) - problem.mesh.points
+    assert moved == pytest.approx(state.trajectory.displacements[3], abs=1e-15)
+    with pytest.raises(palpate.InputError, match="step 99: there are 51 output times"):
+        palpate.to_pyvista(problem, state, step=99)
+
+
+def test_a_state_of_another_mesh_is_refused() -> None:
+    block, beam = (palpate.load_case(name).problem for name in ("block", "beam"))
+    with pytest.raises(palpate.InputError, match="points"):
+        palpate.to_pyvista(beam, palpate.solve(block))
