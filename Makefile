@@ -34,8 +34,10 @@ scoreboard: setup ## every simulator that is installed on every case: out/scoreb
 	@PALPATE_BENCH_PYTHON=$(subst $() ,:,$(wildcard $(PEERS)/bin/python /usr/bin/python3)) OMP_NUM_THREADS=1 \
 	  $(VENV)/bin/palpate scoreboard -o $(OUT)/scoreboard
 
-test: setup ## run the test suite
-	@$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+# On every core, without what is slow; PYTEST_ARGS takes the place of that choice.
+test: setup ## run the tests that a change waits for: about 12 minutes on two cores
+	@$(if $(PYTEST_ARGS),,PALPATE_MAKE_TEST=1 )$(VENV)/bin/python -m pytest \
+	  $(or $(PYTEST_ARGS),-n auto --maxprocesses 8 --dist loadfile -m "not nightly and not slow and not browser")
 
 gate: setup ## every built-in verdict on both elements, held against the expected one
 	@$(VENV)/bin/palpate gate --all --element both --expected

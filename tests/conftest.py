@@ -7,11 +7,34 @@ import importlib.util
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
+_STARTED = time.time()
+
+
+# What `make test` runs takes about so long on two cores [minutes].
+EXPECTED_MINUTES = 12
+_SECONDS = "palpate/seconds-of-make-test"
+
+
+def _is_make_test(config: pytest.Config) -> bool:
+    return bool(os.environ.get("PALPATE_MAKE_TEST")) and not hasattr(config, "workerinput")
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """How long `make test` takes: here, where it has passed before."""
+    if not _is_make_test(config):
+        return None
+    seconds = config.cache.get(_SECONDS, None) if config.cache else None
+    here = "" if seconds is None else f"; here it took {seconds / 60.0:.0f} minutes"
+    return (
+        f"palpate: what a change waits for, about {EXPECTED_MINUTES} minutes on two cores{here}\n"
+        "palpate: slow and browser tests are in .ci/run, nightly ones in .ci/nightly"
+    )
 
 
 @functools.cache
@@ -61,3 +84,5 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     if not any(reporter.stats.get(word) for word in ("passed", "failed", "xfailed")):
         session.exitstatus = pytest.ExitCode.NO_TESTS_COLLECTED
+    elif _is_make_test(session.config) and session.config.cache:
+        session.config.cache.set(_SECONDS, time.time() - _STARTED)
