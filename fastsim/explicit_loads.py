@@ -303,21 +303,6 @@ class ExplicitSprings:
         """Whole force of each on the body [N], shape (num_springs, 3)."""
         return self.patches.resultants(displacement, *self.at(time))
 
-    def goal(self, number: int, displacement: ArrayLike) -> Floats:
-        """Where an anchor is to be sent [m], checked, shape (3,).
-
-        Raises:
-            InputError: There is no such spring, or this is no place.
-        """
-        if not 0 <= number < len(self):
-            raise InputError(f"spring number {number}: there are {len(self)}, from 0")
-        goal = np.array(displacement, dtype=np.float64)
-        if goal.shape != (3,) or not np.isfinite(goal).all():
-            raise InputError(
-                f"displacement = {goal.tolist()} of spring number {number}: needs 3 finite numbers"
-            )
-        return goal
-
     def send(self, number: int, goal: Floats, start: float, end: float) -> None:
         """Have an anchor go straight from where it is to a place in a span of time, and stay."""
         factor, *ways = self._ways[number]

@@ -12,10 +12,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.fastsim.contact.contact_law import read_numbers
 from palpate.fastsim.contact.explicit_tools import TOOL_RECORD
 from palpate.fastsim.errors import SpringTooStiffError
 from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
@@ -32,103 +34,112 @@ from palpate.meshes.spring import AnchorPath, Spring
 _BITS = 20
 
 
-class LiveTool:
-    """A rigid tool of a `LiveBody`."""
+class SteppedBody(Protocol):
+    """What its tools and springs ask of a body: a `LiveBody`, or a `CondensedBody`."""
 
-    def __init__(self, body: LiveBody, number: int, tool: RigidTool) -> None:
+    def _send_tool(self, number: int, position: ArrayLike, rotation: ArrayLike | None) -> None: ...
+    def _tool_pose(self, number: int) -> tuple[Floats, Floats]: ...
+    def _tool_force(self, number: int) -> Floats: ...
+    def _send_anchor(self, spring: BodySpring, position: Floats) -> None: ...
+    def _spring_force(self, spring: BodySpring) -> Floats: ...
+
+
+class BodyTool:
+    """A rigid tool of a body that is stepped."""
+
+    def __init__(self, body: SteppedBody, number: int, tool: RigidTool) -> None:
         self._body, self._number = body, number
         self.description = tool
 
     def move_to(self, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
-        """Go there in the next call of `LiveBody.step`, straight and at one speed, and stay.
+        """Go to a pose in the next call of the body's `step`, and stay there.
+
+        The tool of a `LiveBody` goes straight and at one speed; that of a `CondensedBody`, which
+        has no time, is there at once.
 
         Args:
             position: Of the tool's origin [m], shape (3,).
             rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
 
         Raises:
-            InputError: This is no pose, or the tool is driven by a force. How fast it may go is
-                seen by `step`, which raises ToolTooFastError.
+            InputError: This is no pose, or the tool is driven by a force. Whether it would go too
+                fast is seen by `step` of a `LiveBody`, which raises ToolTooFastError.
         """
-        self._body._engine.move_tool(self._number, position, rotation)
+        self._body._send_tool(self._number, position, rotation)
 
     @property
     def position(self) -> Floats:
-        """Of its origin, where its path is now [m], shape (3,)."""
-        return np.array(self._pose()["position"])
+        """Position of its origin after the last step [m], shape (3,)."""
+        return self._body._tool_pose(self._number)[0].copy()
 
     @property
     def rotation(self) -> Floats:
-        """Rotation matrix from its frame, shape (3, 3)."""
-        return np.array(self._pose()["rotation"]).reshape(3, 3)
-
-    def _pose(self) -> np.void:
-        engine = self._body._engine
-        assert engine.tools is not None
-        pose: np.void = engine.tools.steps(np.array([engine.time]))[0, self._number]["pose"]
-        return pose
+        """Rotation matrix from its frame after the last step, shape (3, 3)."""
+        return self._body._tool_pose(self._number)[1].reshape(3, 3).copy()
 
     @property
     def force(self) -> Floats:
-        """On the tool, that of the body [N], shape (3,): its mean over the last call of `step`.
+        """Force of the body on the tool [N], shape (3,).
 
-        A mean, since the constraint pushes in single steps. Zero before the first step.
+        In a `LiveBody` its mean over the last call of `step`, since the constraint pushes in
+        single steps; zero before the first step. In a `CondensedBody` that of the last step.
         """
-        force: Floats = self._body._forces()[self._number]
-        return force
+        return self._body._tool_force(self._number)
 
 
-class LiveSpring:
-    """A spring over a patch of a `LiveBody`, its anchor in somebody's hand."""
+class BodySpring:
+    """A spring over a patch of a body that is stepped; its anchor is moved from outside."""
 
-    def __init__(self, body: LiveBody, spring: Spring) -> None:
+    def __init__(self, body: SteppedBody, spring: Spring) -> None:
         self._body, self.description = body, spring
+
+    def move_to(self, position: ArrayLike) -> None:
+        """Have the anchor go to a position in the next call of the body's `step`, and stay there.
+
+        Args:
+            position: To which the middle of the patch is pulled [m], shape (3,).
+
+        Raises:
+            InputError: The spring was let go, or this is no position.
+        """
+        goal = np.array(read_numbers(position, 3, "position of an anchor"))
+        self._body._send_anchor(self, goal - np.array(self.description.center))
+
+    @property
+    def force(self) -> Floats:
+        """Force on the anchor [N], shape (3,): stiffness times the way from anchor to patch.
+
+        Raises:
+            InputError: The spring was let go.
+            NotCondensableError: A condensed model does not see all points of the patch.
+        """
+        return self._body._spring_force(self)
+
+
+class LiveSpring(BodySpring):
+    """A spring of a `LiveBody`, which can be let go."""
+
+    _body: LiveBody
 
     @property
     def is_held(self) -> bool:
         """Whether it pulls: not once it was let go, nor after a reset if it came later."""
         return any(spring is self.description for spring in self._body._pull.springs)
 
-    def move_to(self, place: ArrayLike) -> None:
-        """Have the anchor go to a place in the next call of `LiveBody.step`, and stay there.
-
-        Args:
-            place: To where the middle of the patch is pulled [m], shape (3,).
-
-        Raises:
-            InputError: It was let go, or this is no place.
-        """
-        number = self._number()
-        goal = np.array(place, dtype=np.float64) - np.array(self.description.center)
-        self._body._goals[self.description] = self._body._pull.goal(number, goal)
-
     @property
     def anchor(self) -> Floats:
-        """Where the middle of the patch is pulled to now [m], shape (3,)."""
-        number, body = self._number(), self._body
-        moved = body._pull.at(body.time)[0][number]
-        place: Floats = moved + np.array(self.description.center)
-        return place
-
-    @property
-    def force(self) -> Floats:
-        """On the hand [N], shape (3,), now: stiffness times the way from anchor to patch."""
-        number, body = self._number(), self._body
-        pulled: Floats = body._pull.resultants(body._engine.displacement, body.time)[number]
-        return -pulled
+        """Position to which the middle of the patch is pulled now [m], shape (3,)."""
+        body = self._body
+        moved = body._pull.at(body.time)[0][body._number_of(self)]
+        position: Floats = moved + np.array(self.description.center)
+        return position
 
     def let_go(self) -> None:
         """Pull no more."""
         body = self._body
-        body._engine.change_springs(body._pull.without_spring(self._number()))
+        body._engine.change_springs(body._pull.without_spring(body._number_of(self)))
         body._goals.pop(self.description, None)
         body._log.let_go(self.description, body._engine.steps)
-
-    def _number(self) -> int:
-        for number, spring in enumerate(self._body._pull.springs):
-            if spring is self.description:
-                return number
-        raise InputError("this spring was let go; hold the body anew")
 
 
 class LiveBody:
@@ -191,7 +202,7 @@ class LiveBody:
             num_threads=num_threads,
         )
         self.problem, self.time_step = problem, self._engine.time_step
-        self.tools = tuple(LiveTool(self, k, tool) for k, tool in enumerate(problem.tools))
+        self.tools = tuple(BodyTool(self, k, tool) for k, tool in enumerate(problem.tools))
         self.springs = tuple(LiveSpring(self, spring) for spring in problem.springs)
         self._positions = problem.mesh.points.copy()
         self._read_only = self._positions.view()
@@ -319,11 +330,35 @@ class LiveBody:
         if spring.stiffness > largest:
             raise SpringTooStiffError(spring.stiffness, max(largest, 0.0), self.time_step)
 
-    def _forces(self) -> Floats:
+    def _send_tool(self, number: int, position: ArrayLike, rotation: ArrayLike | None) -> None:
+        self._engine.move_tool(number, position, rotation)
+
+    def _tool_pose(self, number: int) -> tuple[Floats, Floats]:
+        assert self._engine.tools is not None
+        pose = self._engine.tools.steps(np.array([self.time]))[0, number]["pose"]
+        return np.asarray(pose["position"]), np.asarray(pose["rotation"])
+
+    def _tool_force(self, number: int) -> Floats:
         if not self._is_read:
             records = self._engine.run.take_tool_records().view(TOOL_RECORD).reshape(-1)
             self._mean, self._is_read = records["impulse"] / self._span, True
-        return self._mean
+        force: Floats = self._mean[number]
+        return force
+
+    def _send_anchor(self, spring: BodySpring, position: Floats) -> None:
+        self._number_of(spring)
+        self._goals[spring.description] = position
+
+    def _spring_force(self, spring: BodySpring) -> Floats:
+        number = self._number_of(spring)
+        pulled: Floats = self._pull.resultants(self.displacement, self.time)[number]
+        return -pulled
+
+    def _number_of(self, spring: BodySpring) -> int:
+        for number, pulling in enumerate(self._pull.springs):
+            if pulling is spring.description:
+                return number
+        raise InputError("this spring was let go; hold the body anew")
 
 
 def _cut(step: float) -> float:

@@ -16,16 +16,15 @@ from palpate.fastsim.contact.contact_law import (
     ContactLaw,
     layer_stiffness,
     mean_edge,
-    read_numbers,
     read_pose,
 )
 from palpate.fastsim.contact.static_contact import STIFFNESS_IN_LAYERS
 from palpate.fastsim.contact.tool_contact import ToolContact
+from palpate.fastsim.live_body import BodySpring, BodyTool
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, rotation_matrix
-from palpate.meshes.spring import Spring
 
 # Vertices nearer than this part of an edge are looked at from the start of a step.
 _REACH = 0.1
@@ -213,89 +212,16 @@ class CondensedSteps:
         return core, tuple(stiffnesses)
 
 
-# A condensed body in the hands of a controller or a viewer: `LiveBody` without inertia.
-#
-# body = CondensedBody(condense(problem))
-# while ...:  # 1 000 times a second
-#     body.tools[0].move_to(place)
-#     body.step()
-#     force = body.tools[0].force
+class CondensedTool(BodyTool):
+    """A rigid tool of a `CondensedBody`, which reports its moment as well."""
 
-
-class CondensedTool:
-    """A rigid tool of a `CondensedBody`."""
-
-    def __init__(self, body: CondensedBody, number: int, tool: RigidTool) -> None:
-        self._body, self._number = body, number
-        self.description = tool
-
-    def move_to(self, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
-        """Be there in the next call of `CondensedBody.step`, and stay.
-
-        Args:
-            position: Of the tool's origin [m], shape (3,).
-            rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
-
-        Raises:
-            InputError: This is no pose.
-        """
-        place, turn = read_pose(self._number, position, rotation)
-        row = self._body._goals[self._number]
-        if turn is not None:
-            row[3:] = rotation_matrix(np.array(turn)).ravel()
-        row[:3] = place
-
-    @property
-    def position(self) -> Floats:
-        """Of its origin in the last step [m], shape (3,)."""
-        return self._body._poses[self._number, :3].copy()
-
-    @property
-    def rotation(self) -> Floats:
-        """Rotation matrix from its frame in the last step, shape (3, 3)."""
-        return self._body._poses[self._number, 3:].reshape(3, 3).copy()
-
-    @property
-    def force(self) -> Floats:
-        """On the tool, that of the body [N], shape (3,), in the last step."""
-        force: Floats = self._body._forces[self._number]
-        return force
+    _body: CondensedBody
 
     @property
     def moment(self) -> Floats:
-        """On the tool about its origin [N m], shape (3,), in the last step."""
+        """Moment of the body on the tool about its origin in the last step [N m], shape (3,)."""
         moment: Floats = self._body._moments[self._number]
         return moment
-
-
-class CondensedSpring:
-    """A spring over a patch of a `CondensedBody`, its anchor in somebody's hand."""
-
-    def __init__(self, body: CondensedBody, number: int, spring: Spring) -> None:
-        self._body, self._number = body, number
-        self.description = spring
-
-    def move_to(self, place: ArrayLike) -> None:
-        """Have the anchor in a place from the next call of `CondensedBody.step` on.
-
-        Args:
-            place: To where the middle of the patch is pulled [m], shape (3,).
-
-        Raises:
-            InputError: This is no place.
-        """
-        goal = np.array(read_numbers(place, 3, "place of an anchor"))
-        self._body._anchors[self._number] = goal - np.array(self.description.center)
-        self._body._is_pulled = True
-
-    @property
-    def force(self) -> Floats:
-        """On the hand [N], shape (3,), in the last step.
-
-        Raises:
-            NotCondensableError: The model does not see all points of the patch.
-        """
-        return self._body._pulls(self._number)
 
 
 class CondensedBody:
@@ -335,7 +261,7 @@ class CondensedBody:
         self.model, self.points = model, model.seen
         self._steps = CondensedSteps(model)
         self.tools = tuple(CondensedTool(self, k, tool) for k, tool in enumerate(problem.tools))
-        self.springs = tuple(CondensedSpring(self, k, s) for k, s in enumerate(problem.springs))
+        self.springs = tuple(BodySpring(self, spring) for spring in problem.springs)
         place = np.full(problem.mesh.num_points, -1, dtype=np.int32)
         place[model.seen] = np.arange(len(model.seen))
         facets = place[problem.mesh.boundary_facets]
@@ -394,7 +320,26 @@ class CondensedBody:
         """Of `points` now [m], shape (num_seen, 3): read-only, always the same array."""
         return self._shown
 
-    def _pulls(self, number: int) -> Floats:
+    def _send_tool(self, number: int, position: ArrayLike, rotation: ArrayLike | None) -> None:
+        origin, turn = read_pose(number, position, rotation)
+        row = self._goals[number]
+        if turn is not None:
+            row[3:] = rotation_matrix(np.array(turn)).ravel()
+        row[:3] = origin
+
+    def _tool_pose(self, number: int) -> tuple[Floats, Floats]:
+        return self._poses[number, :3], self._poses[number, 3:]
+
+    def _tool_force(self, number: int) -> Floats:
+        force: Floats = self._forces[number]
+        return force
+
+    def _send_anchor(self, spring: BodySpring, position: Floats) -> None:
+        self._anchors[self.springs.index(spring)] = position
+        self._is_pulled = True
+
+    def _spring_force(self, spring: BodySpring) -> Floats:
+        number = self.springs.index(spring)
         if not self._sees[number]:
             raise NotCondensableError(
                 f"the model does not see all points of spring {number + 1}; name them among `seen`"
