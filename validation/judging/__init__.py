@@ -1,1 +1,1 @@
-"""From solutions to a verdict, and what is written of it."""
+"""From solutions to checks and a verdict, and the files that report them."""

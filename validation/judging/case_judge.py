@@ -1,8 +1,8 @@
-"""One case with its references: every check of it, for any answer, wrong ones included.
+"""One case with its references: every check of it, for any result, wrong ones included.
 
-A check that the null answer passes says nothing about a candidate: a body that nobody pushes, a
-limit of 1, a change of volume too small to matter. Each case is judged with the null answer too,
-and with answers that are plainly wrong, so that what it cannot see is named.
+A check that the null result passes says nothing about a candidate: a body that nobody pushes, a
+limit of 1, a change of volume too small to matter. Each case is judged with the null result too,
+and with results that are plainly wrong, so that what it cannot see is named.
 
 Limits of single precision hold where the case or the gate's caller grants it: what a simulator
 says of itself loosens nothing.
@@ -42,11 +42,11 @@ _Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class CaseJudge:
-    """What an answer to a case is judged by.
+    """What a result of a case is judged against.
 
     Attributes:
         case: The case.
-        references: Of the case.
+        references: The reference solutions of the case.
         granted: Its checks at the precision that was granted; as they stand in it where None.
     """
 
@@ -65,11 +65,11 @@ class CaseJudge:
         return self.case.problem
 
     def strain_of(self, spec: CheckSpec) -> Strain:
-        """Which of the candidate's answers a check is about."""
+        """Which of the candidate's results a check is about."""
         return spec.strain or self.case.strain
 
     def check(self, spec: CheckSpec, candidate: State | None, failure: str = "") -> CheckResult:
-        """Judge one check of an answer; `failure` says why there is none."""
+        """Judge one check of a result; `failure` says why there is none."""
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
         if not is_truth:
@@ -103,9 +103,9 @@ class CaseJudge:
         return shape_of(self.references)
 
     def is_vacuous(self, spec: CheckSpec) -> bool:
-        """Whether the check says nothing of a candidate: the null answer passes it too.
+        """Whether the check says nothing of a candidate: the null result passes it too.
 
-        So does every answer where the reference itself does not move, and where the truth and not
+        So does every result where the reference itself does not move, and where the truth and not
         the candidate is compared with a published number.
         """
         reference, strain = self._reference(spec), self.strain_of(spec)
@@ -118,7 +118,7 @@ class CaseJudge:
         return self.check(spec, answer).verdict is Verdict.PASSED
 
     def unseen(self) -> tuple[str, ...]:
-        """Plainly wrong answers that no check of the case turns red, by name."""
+        """Plainly wrong results that no check of the case turns red, by name."""
         reference = self._any_reference(self.case.strain)
         if reference is None:
             return ()
@@ -144,7 +144,7 @@ class CaseJudge:
         return number_of(spec, self.problem, state, self.case.spec.units)
 
     def _bar_of_part(self, spec: CheckSpec) -> float:
-        """Of the truth in the part that a check names; the same for every answer."""
+        """The truth's error bar in the part that a check names; the same for every result."""
         if spec.against != "truth":
             return 0.0
         if spec not in self._bars_of_parts:
@@ -191,7 +191,7 @@ class CaseJudge:
 
 
 def null_answer(problem: Problem, strain: Strain, reference: State | None) -> State:
-    """The answer of a simulator that does nothing, at the reference's times, with no force."""
+    """The result of a simulator that does nothing, at the reference's times, with no force."""
     still = np.zeros_like(problem.mesh.points)
     motion = None if reference is None else reference.trajectory
     if motion is None and problem.time is not None:
@@ -212,7 +212,7 @@ def null_answer(problem: Problem, strain: Strain, reference: State | None) -> St
 
 
 def wrong_answers(problem: Problem, reference: State) -> Iterator[State]:
-    """Answers made from the right one by a plain mistake; each is labelled with it."""
+    """Results made from the right one by a plain mistake; each is labelled with it."""
     yield null_answer(problem, reference.strain, reference)
     yield _from(problem, reference, "turned round", lambda u: -u)
     yield _from(problem, reference, "twice as large", lambda u: 2.0 * u)
@@ -253,9 +253,9 @@ class PrecisionGrant:
     """The checks of a case at the precision that is granted, and what single precision would do.
 
     Args:
-        case: Whose `precision`, or that of a check, grants single.
-        references: Of the case.
-        granted: By the caller, for every check that compares; None leaves it to the case.
+        case: The case; its `precision`, or that of a check, grants single precision.
+        references: The reference solutions of the case.
+        granted: Precision that the caller grants every check that compares; None: as in the case.
     """
 
     def __init__(
@@ -268,7 +268,7 @@ class PrecisionGrant:
 
     @property
     def notes(self) -> list[str]:
-        """Who granted what; empty where everything is double."""
+        """A line on who granted single precision; empty where all is double."""
         if self._granted is Precision.SINGLE:
             return ["Single precision is granted by the caller of the gate."]
         if any(self._tier(spec) is Precision.SINGLE for spec in self._case.checks):
@@ -280,7 +280,7 @@ class PrecisionGrant:
         return tuple(self._at_tier(spec) for spec in self._case.checks)
 
     def with_remark(self, spec: CheckSpec, found: CheckResult) -> CheckResult:
-        """The check, which says so where an answer fails by rounding to single and no more."""
+        """The check, which says so where a result fails by rounding to single and no more."""
         value = found.value
         if found.verdict is not Verdict.FAILED or found.precision is Precision.SINGLE:
             return found
@@ -337,7 +337,7 @@ class PrecisionGrant:
     def _scale(self, spec: CheckSpec, base: State) -> float:
         """Of a published displacement, the largest one over the number expected at a point.
 
-        Of the force on a tool likewise.
+        The same holds for the force on a tool.
         """
         about, units = spec.about, self._case.spec.units
         if not about.is_published or about.is_fitted or (about.read and not about.needs_tools):

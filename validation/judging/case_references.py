@@ -1,4 +1,4 @@
-"""What an answer to a case is judged by: the reference that is stored, or solved here.
+"""What a result of a case is judged against: the reference that is stored, or solved here.
 
 On the same mesh it is stepped as the candidate states that it steps, so that what is left is the
 solver's.
@@ -153,12 +153,12 @@ def with_own_steps(
     references: ReferenceSet,
     progress: Progress,
 ) -> ReferenceSet:
-    """The set with the same mesh stepped as each answer states: what is left is the solver's.
+    """The set with the same mesh stepped as each result states: what remains is the solver's.
 
     Args:
         problem: The case's.
-        answers: Of the candidate, of one element.
-        references: Of that element; returned as they are where no answer states steps of its own.
+        answers: The candidate's results, all of one element.
+        references: For that element; returned unchanged where no result states steps of its own.
         progress: Called with one line for each run.
     """
     for strain, answer in answers.items():

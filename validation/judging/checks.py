@@ -1,6 +1,6 @@
 """From numbers to a verdict; fail-closed: what cannot be judged never passes.
 
-A check compares an answer with a reference, with itself, or one of its numbers with one of the
+A check compares a result with a reference, with itself, or one of its numbers with one of the
 case file that was published or is in closed form.
 """
 
@@ -165,7 +165,7 @@ def metric_of_bar(spec: CheckSpec) -> str:
 
 
 def name_of_bar(spec: CheckSpec, problem: Problem, units: Units) -> str:
-    """The same, of the part of the body that the check is about."""
+    """The same for the part of the body that the check is about."""
     part = part_of_check(spec, problem, units, f"check {spec.metric}")
     metric = metric_of_bar(spec)
     if part is None or not spec.about.is_of_integrals:
@@ -183,16 +183,16 @@ def number_of(spec: CheckSpec, problem: Problem, state: State, units: Units) -> 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One number of an answer beside the number expected.
+    """One number of a result beside the number expected.
 
     Attributes:
         error: Relative to the number expected [-]; infinite where there is none to be had.
         message: One line on it.
         scale: What errors of `metric_of_bar` are divided by, over the number expected [-].
-        uncertainty: Of the number expected, as the case states it, and of what was fitted or read
+        uncertainty: Of the expected number, as the case states it, and of what was fitted or read
             between states, relative to the number expected [-]; infinite where the states tell
             nothing of it.
-        stated: What of that the case states, likewise.
+        stated: The part of `uncertainty` that the case states, also relative [-].
     """
 
     error: float
@@ -207,7 +207,7 @@ def compare_published(
 ) -> Comparison:
     """Compare a number of a state with the one expected.
 
-    Of an oscillation: what is fitted to a point's component over time.
+    For an oscillation: what is fitted to a point's component over time.
 
     Raises:
         InputError: No point of the mesh lies there, or no such part of the body.
@@ -280,7 +280,7 @@ def _compare(
     assert spec.expected is not None
     size = abs(spec.expected)
     error = abs(found - spec.expected) / size
-    # That of what was measured or published counts like the answer's own.
+    # The uncertainty of a measured or published number counts like that of the result itself.
     stated = spec.uncertainty or 0.0
     expected = f"{spec.expected:.8g}" + (f" +- {stated:.3g}" if stated else "")
     shown = f"{found:.8g} {unit}, expected {expected}: {error:.2g}"

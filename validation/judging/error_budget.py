@@ -2,14 +2,14 @@
 
 Each term is what the candidate would gain by repairing one thing and leaving all else as it is:
 
-    model           Green strain in the place of linear strain, on the same mesh
+    model           Green strain instead of linear strain, on the same mesh
     discretisation  the truth's mesh and element, with the candidate's own strain
     time            a quarter of the time step; for a candidate that states scheme and step of
-                    its own (`State.steps`) that quarter in the place of both
+                    its own (`State.steps`) that quarter replaces both
     solver          the same mesh, strain, scheme and step, each step solved by the reference;
                     called by another name where it is not the solver's
 
-Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
+For a result on a mesh of its own, which the reference does not solve on, discretisation and solver
 are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
 total when all terms are taken off. A large interaction says that repairing one thing alone will not
 do.
@@ -53,11 +53,11 @@ class Budget:
 
     Attributes:
         quantity: What the number is.
-        unit: Of every value here.
+        unit: Unit of every value here.
         candidate: Name of who is judged, with its strain measure.
         value: The candidate's.
         truth: The best there is.
-        terms: By cause; None where a cause does not apply or is not known.
+        terms: Contribution of each cause; None where a cause does not apply or is not known.
     """
 
     quantity: str
@@ -118,14 +118,14 @@ def static_budgets(
     *,
     diagnoses: Sequence[Diagnosis] = (),
 ) -> list[Budget]:
-    """Budgets of a static answer from the reference's states.
+    """Budgets of a static result from the reference's states.
 
     Args:
         problem: The case's problem.
         candidate: Its displacement at the case's points; its `strain` is what it was solved with.
         states: The reference's, by label and strain: on the same mesh with the candidate's
             element, and the truth.
-        diagnoses: Of the case, where it was red.
+        diagnoses: Diagnoses of the case, where it failed.
 
     Returns:
         One for the farthest point's displacement, one for the change of volume; none where
@@ -181,7 +181,7 @@ def motion_budgets(
             are what its time term is about.
         same_mesh: The reference's state with the same mesh, strain, scheme and step, for the
             solver's term; see `references.motion_runs.solve_by_steps`.
-        diagnoses: Of the case, where it was red.
+        diagnoses: Diagnoses of the case, where it failed.
         progress: Called with one line for each run.
 
     Raises:
@@ -237,16 +237,16 @@ def name_of_rest(
 ) -> str:
     """The name of what is left of a candidate's error on the same mesh, strain and step.
 
-    It is the solver's only where the answer satisfies the stated equations, or where the simulator
+    It is the solver's only where the result satisfies the stated equations, or where the simulator
     says of itself that it stopped this early: of a motion, that it takes so many iterations in each
     step of a scheme that it states, which a sweep over both may refute. A wrong law, load or unit
     is called by its name where the diagnosis found it; else the error is not explained.
 
     Args:
         problem: The case's problem.
-        candidate: Its answer at the case's points.
+        candidate: The candidate's result at the case's points.
         same_mesh: The reference's there, for motions, which have no residual.
-        diagnoses: Of the case, if it was red.
+        diagnoses: Diagnoses of the case, if it failed.
     """
     which = (candidate.strain, candidate.element)
     mine = [d for d in diagnoses if (d.strain, d.element) == which]

@@ -2,7 +2,7 @@
 
 Limits come from what the user of a case needs, so that an element may honestly fail. The file
 beside the stored references says which checks do not pass and which do: a change either way is
-news. It also keeps a regression bound for each error against the truth. A bound says that an
+news. It also stores a regression bound for each error against the truth. A bound says that an
 element has become worse than it was; it is no limit, and no part of a verdict.
 """
 
@@ -37,10 +37,10 @@ _HEAD = """\
 
 
 class Expectation(BaseModel):
-    """Of one candidate on one case.
+    """What is expected of one candidate on one case.
 
     Attributes:
-        verdict: Of the case.
+        verdict: Verdict on the case.
         failed: Names of the checks that fail.
         inconclusive: Names of those that are inconclusive.
         regression_bound: By the name of a check or metric, what its value was, and a little.
@@ -59,7 +59,7 @@ _FORM = TypeAdapter(dict[str, dict[str, Expectation]])
 
 
 def read_expected(path: Path = FILE) -> Expected:
-    """What is expected, by case and candidate.
+    """Read what is expected of each candidate on each case.
 
     Raises:
         FileFormatError: Missing, no TOML, or a key that is not known.
@@ -71,7 +71,7 @@ def read_expected(path: Path = FILE) -> Expected:
 
 
 def unexpected(results: Sequence[CaseResult], expected: Expected) -> list[str]:
-    """What is not as expected, a line each; empty where all is."""
+    """List what is not as expected, a line each; empty where all is."""
     lines = []
     for result in results:
         for judged in result.candidates:

@@ -58,7 +58,7 @@ from palpate.validation.versions import version_of
 if TYPE_CHECKING:
     from palpate.validation.diagnosis import Diagnosis
 
-# A candidate that takes longer [s] is not asked again, when its answer is diagnosed.
+# A candidate that takes longer [s] is not run again when its result is diagnosed.
 _QUICK = 10.0
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
@@ -81,9 +81,9 @@ def judge_case(
     Args:
         case: The case; it needs at least one check.
         live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
-        candidate: Who is judged, one or more of different names; fastsim where None.
-        diagnoses: Whether to look for what explains an answer that fails.
-        precision: Granted to the candidate; what the case grants where None.
+        candidate: The candidate, or several of different names; fastsim where None.
+        diagnoses: Whether to look for what explains a result that fails.
+        precision: The precision granted to the candidate; what the case grants where None.
         progress: Called with one line for each thing done.
 
     Raises:
@@ -220,7 +220,7 @@ def _answers(
 
 
 def _notes_on_damping(problem: Problem, answers: dict[Strain, State]) -> list[str]:
-    """A sentence on the numerical damping of each answer that states its steps and swings."""
+    """A sentence on the numerical damping of each result that states its steps and swings."""
     notes = []
     for strain, answer in answers.items():
         if answer.steps is None:
@@ -236,7 +236,7 @@ def _notes_on_damping(problem: Problem, answers: dict[Strain, State]) -> list[st
 
 
 def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnosis:
-    """What would explain an answer; one of a quick candidate by asking it again too."""
+    """What would explain a result; a quick candidate is run again for it too."""
     from palpate.validation.diagnosis import diagnose
 
     def ask(problem: Problem) -> Points:
@@ -277,7 +277,7 @@ def _judged(
 
 
 def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
-    """The gravest of the checks; checks that any answer passes are no support."""
+    """The gravest of the checks; checks that any result passes do not support a verdict."""
     verdict = gravest([check.verdict for check in checks])
     if verdict is not Verdict.PASSED:
         return verdict, []
@@ -419,11 +419,11 @@ def judge_cases(
     """Judge candidates on cases by their stored references, on several cores; see `judge_case`.
 
     Args:
-        cases: In the order of the results.
-        candidates: Those of fastsim: their solve functions go to other processes.
-        precision: Granted to them.
+        cases: The cases, in the order of the results.
+        candidates: Candidates of fastsim: their solve functions are sent to other processes.
+        precision: The precision granted to them.
         progress: Called with the lines of a case once it is judged, in the order of the cases.
-        processes: How many; by the cores at hand and the number of cases where None.
+        processes: How many; None chooses by the available cores and the number of cases.
 
     Raises:
         InputError: As `judge_case` does, for the first case that cannot be judged.

@@ -1,6 +1,6 @@
-"""Relations that every right simulator keeps, without any reference.
+"""Relations that every right simulator satisfies, without any reference.
 
-1. turned, mirrored, renumbered, other units: the same answer;
+1. turned, mirrored, renumbered, other units: the same result;
 2. a body whose fixed points are turned by a finite angle turns as a whole, without strain; linear
    strain cannot do that, and who says to use it must be seen to break this one;
 3. an affine motion of the boundary is an affine motion of the inside, on a ragged mesh, whichever
@@ -28,17 +28,17 @@ from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.states import CandidateFailedError, Progress, Verdict, gravest, in_silence
 
-# Both answers are solved to 1e-10; a body that bends easily shows a hundred times that.
+# Both results are solved to 1e-10; a body that bends easily shows a hundred times that.
 LIMIT = 1e-8
 ANGLE_DEG = 70.0
-# Of the rigid turn. Linear strain sees a finite turn as a shrinking by 1 - cos of its angle, 23 %
+# The rigid turn. Linear strain sees a finite turn as a shrinking by 1 - cos of its angle, 23 %
 # here, and strains the body by it: a tenth of that is far above what any solver leaves.
 TURN_DEG = 40.0
 LEAST_BROKEN = 0.02
 _AXIS = (1.0, 2.0, -0.5)
 _TURNED, _RENUMBERED = "turned", "renumbered"
 _PATCHES = ("patch", "patch, diagonals swapped")
-# What any law keeps, isotropic or not.
+# What every law satisfies, isotropic or not.
 _OF_ANY_LAW = (_RENUMBERED, *_PATCHES)
 _REASON = "the same problem in another form: only solver error may differ"
 
@@ -48,7 +48,7 @@ class _Relation:
     name: str
     reason: str
     error: Callable[[], float]
-    # What linear strain cannot keep: who keeps it does not use linear strain.
+    # Linear strain cannot satisfy it: a simulator that does, does not use linear strain.
     must_be_broken: bool = False
 
 

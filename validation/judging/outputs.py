@@ -1,4 +1,4 @@
-"""The same results for machines and people.
+"""Results in formats for machines and people.
 
 results.json, JUnit XML, Markdown, annotations of GitHub, a table on the terminal, a citation.
 """

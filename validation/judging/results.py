@@ -52,7 +52,7 @@ class CheckResult:
     Attributes:
         metric: Name of the metric.
         against: "same_mesh" (P1 on the same mesh), "truth" (P2), "candidate" (on its own),
-            "relation" (of two of its own answers), "versus" (another candidate) or "self-test"
+            "relation" (of two of its own results), "versus" (another candidate) or "self-test"
             (of the gate).
         strain: Which of the candidate's solutions was judged.
         verdict: The outcome.
@@ -66,9 +66,9 @@ class CheckResult:
         reference_error: The reference's own error bar, in the units of `value`.
         bar_parts: What that bar is made of, by name, in its units; `geometry` stands beside the
             whole but where the truth is compared with a published number: see `BarParts`.
-        is_vacuous: Whether an answer in which nothing moves passes it too.
+        is_vacuous: Whether a result in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
-        element: What the tetrahedra of the judged answer are; linear where it is the truth that
+        element: What the tetrahedra of the judged result are; linear where it is the truth that
             is compared with a number.
     """
 
@@ -121,11 +121,11 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class Judged:
-    """Who was judged, and the gravest of the checks of its answers.
+    """A judged candidate, and the gravest of the checks of its results.
 
     Attributes:
         name: The label of its states.
-        verdict: Of all its checks.
+        verdict: Verdict of all its checks.
         element: What its tetrahedra are.
     """
 
@@ -140,9 +140,9 @@ class CaseResult:
 
     Attributes:
         name: The case's name.
-        title: Its title.
+        title: Title of the case.
         verdict: The gravest of its checks.
-        checks: In the order of the case file, candidate by candidate.
+        checks: The checks, in the order of the case file, candidate by candidate.
         problem: Mesh, material, supports and loads.
         states: Every solution that was made or read.
         metrics: Named numbers, SI units.
@@ -150,12 +150,12 @@ class CaseResult:
         notes: Lines a reader must know (what meshed it, where the reference comes from).
         published: Numbers of a paper with their source, from the case file.
         error_fields: Error at the points, by name [m], shape (num_points,).
-        candidates: Who was judged, and how each fared.
+        candidates: The candidates that were judged, with their verdicts.
         case_text: The case file as it was read.
         evidence: What the case says for a credibility file: question, context of use...
         candidate_says: What an outside candidate says of itself: its words, which nobody checked.
-        unseen: Plainly wrong answers that no check of the case turns red, by name.
-        diagnoses: What would explain each answer that a check failed.
+        unseen: Plainly wrong results that no check of the case turns red, by name.
+        diagnoses: What would explain each result that a check failed.
     """
 
     name: str
@@ -178,7 +178,7 @@ class CaseResult:
 
     @property
     def candidate(self) -> str:
-        """Who was judged, for people."""
+        """The names of the judged candidates, for people."""
         return " and ".join(judged.name for judged in self.candidates)
 
     @property

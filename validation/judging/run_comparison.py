@@ -33,7 +33,7 @@ _ORDER = ("worse", "gone", "larger error", "changed", "new", "better", "smaller 
 
 
 class CheckOfRun(BaseModel):
-    """What is compared of a check."""
+    """The numbers of a check that are compared."""
 
     metric: str
     against: str
@@ -53,7 +53,7 @@ class CheckOfRun(BaseModel):
 
 
 class CaseOfRun(BaseModel):
-    """What is compared of a case."""
+    """The parts of a case that are compared."""
 
     name: str
     checks: list[CheckOfRun]

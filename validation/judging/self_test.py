@@ -1,10 +1,10 @@
-"""The gates' own proof: seeded faults turn checks red that a healthy candidate keeps green.
+"""The gates' own proof: seeded faults turn checks red that a right candidate passes.
 
 Each fault is tried on a case that can see it: mass and damping on one that moves, mirrors under
 lopsided loads, Lamé's parameters where Poisson's ratio is far from 0.25.
 
 And which metric sees which fault: a case is judged by one metric only, for each metric of the
-catalogue, and the candidate's answer is corrupted by every fault that can show there. A metric that
+catalogue, and the candidate's result is corrupted by every fault that can show there. A metric that
 no realistic fault turns red would be an ornament.
 """
 
@@ -68,11 +68,11 @@ REFERENCE_FAULTS = tuple(
     f"{word}-reference" for word in ("missing", "stale", "damaged", "altered", "unhashed")
 )
 _CASE_OF_REFERENCES = "block"
-# Two answers of one simulator are the same within this part of the largest displacement: each is
+# Two results of one simulator are the same within this part of the largest displacement: each is
 # solved to 1e-10 of its forces, and a body that bends shows a hundred times that.
 _SAME = 1e-7
 
-# Kind of a case, the built-in one, and whether the answer comes on a mesh of its own.
+# Kind of a case, the built-in one, and whether the result comes on a mesh of its own.
 KINDS = (
     ("statics", "block", False),
     ("motion", "block-motion", False),
@@ -93,7 +93,7 @@ _SAME_MESH, _FITTED = 1e-6, 1e-3
 _OWN_MESH = 0.35
 # Of every case above, metres or millimetres.
 _EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
-# Found when the answer is read, whatever is checked.
+# Found when the result is read, whatever is checked.
 _NOT_TELLING = (Fault.NONE, Fault.NAN)
 
 
@@ -106,7 +106,7 @@ def run_self_test(
         progress: Called with one line for each trial.
         cases: Where the faults are tried, each that can show there; the built-in trials, with the
             table of metrics by faults and corrupted references, where there are none.
-        candidate: Whose answers are corrupted; fastsim's where None.
+        candidate: The candidate whose results are corrupted; fastsim's where None.
     """
     judged = candidate or fastsim_candidate()
     if cases:
@@ -127,7 +127,7 @@ def run_self_test(
     for fault, case in trials:
         check = _try(fault, case, judged, healthy[case.name])
         if not cases and check.verdict is Verdict.SKIPPED:
-            # Chosen because it shows there: an answer that stays the same was not corrupted.
+            # Chosen because it shows there: a result that stays the same was not corrupted.
             check = replace(check, verdict=Verdict.FAILED)
         word = {Verdict.PASSED: "caught", Verdict.SKIPPED: "cannot show"}.get(check.verdict)
         progress(f"{fault}, {case.name}: {word or 'NOT caught'}")
@@ -156,7 +156,7 @@ def run_self_test(
 
 
 def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) -> CheckResult:
-    """One fault on one case; skipped where the answer is the same with it and without."""
+    """One fault on one case; skipped where the result is the same with it and without."""
     faulty = with_fault(candidate, fault)
     try:
         result = judge_case(case, candidate=faulty, diagnoses=False)
@@ -192,7 +192,7 @@ def _is_healthy(result: CaseResult) -> bool:
 
 
 def _is_same(one: CaseResult, other: CaseResult) -> bool:
-    """Whether the two answers that are checked are the same at every point, to rounding."""
+    """Whether the two results that are checked are the same at every point, to rounding."""
     checked = {check.strain for check in one.checks}
     pairs = [
         (state, other.state(state.label, state.strain))
@@ -267,9 +267,9 @@ class MetricRow:
     """One metric on one kind of case.
 
     Attributes:
-        metric: Its name.
-        kind: Statics, motion, a tool, or an answer on a mesh of its own.
-        healthy: Verdict of the unspoiled answer with this metric alone.
+        metric: Name of the metric.
+        kind: Statics, motion, a tool, or a result on a mesh of its own.
+        healthy: Verdict on the uncorrupted result with this metric alone.
         seen: Faults that turn it red.
         unseen: Faults that it lets pass.
     """
@@ -333,7 +333,7 @@ def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -
 def _answer(
     case: Case, candidate: Candidate, fault: Fault, strain: Strain
 ) -> tuple[State | None, str]:
-    """The corrupted answer; nothing where the fault cannot show, or its answer is refused."""
+    """The corrupted result; nothing where the fault cannot show, or its result is refused."""
     try:
         return with_fault(candidate, fault).solve(case.problem, strain, in_silence), ""
     except InputError:
@@ -369,7 +369,7 @@ def _spec(metric: str, against: str, limit: float) -> CheckSpec:
 
 
 def _row_check(row: MetricRow) -> CheckResult:
-    """A row as a trial: passed where a fault is seen and the healthy answer is not red."""
+    """A row as a trial: passed where a fault is seen and the uncorrupted result is not red."""
     named = ", ".join(row.seen[:3]) or "nothing"
     tried = len(row.seen) + len(row.unseen)
     return CheckResult(

@@ -1,7 +1,7 @@
 """Two candidates on one case, compared with each other: no reference, and limits by the user.
 
 Two simulators, or one on two machines, devices or precisions. Differences are reported by metric,
-relative to the second one's answer; nothing says which of the two is right.
+relative to the second one's result; nothing says which of the two is right.
 """
 
 from __future__ import annotations
@@ -61,21 +61,21 @@ def judge_versus(
     limits: Mapping[str, float] | None = None,
     progress: Progress = in_silence,
 ) -> CaseResult:
-    """Let two candidates answer a case, and tell how far apart they are.
+    """Solve a case with two candidates, and measure how far apart their results are.
 
     Args:
-        case: Its strain measure is asked for.
+        case: The case; it is solved with its strain measure.
         candidate: The first.
-        other: The second; differences are parts of its answer.
+        other: The second; differences are relative to its result.
         limits: By metric, above 0; those of the case's checks on the same mesh where None.
         progress: Called with one line for each thing done.
 
     Returns:
-        A check for each metric with a limit; every other metric, if both answered, as a skipped
+        A check for each metric with a limit; every other metric, if both gave results, a skipped
         check.
 
     Raises:
-        InputError: No limit at all, one of a metric that is not between two answers, or a result
+        InputError: No limit at all, one of a metric that does not compare two results, or a result
             that cannot be read.
     """
     asked = _asked(case, limits)
@@ -126,7 +126,7 @@ def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Ca
     Args:
         command: "mysim {case} {result}"; "fastsim" is its compiled core with the candidate's
             element, so that it is compared with itself on another device.
-        time_limit: Of a program [s].
+        time_limit: Time limit of a program [s].
         candidate: The first.
 
     Raises:
@@ -142,7 +142,7 @@ def read_limits(words: list[str]) -> dict[str, float]:
     """Limits as they stand on a command line: METRIC=VALUE.
 
     Raises:
-        InputError: No such metric between two answers, or no number above 0.
+        InputError: No such metric between two results, or no number above 0.
 
     >>> read_limits(["displacement_l2=1e-6"])
     {'displacement_l2': 1e-06}
@@ -211,7 +211,7 @@ def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
 def _answer(
     who: Candidate, problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State | None, str]:
-    """Its state, and why it has failed."""
+    """The candidate's state or None, and why it has failed."""
     try:
         answer = who.solve(problem, strain, progress)
     except CandidateFailedError as error:
@@ -265,7 +265,7 @@ def _check(
 
 
 def _apart(asked: Asked, problem: Problem, one: State, other: State) -> Difference | None:
-    """The worst of both ways where both have a mesh of their own; None where neither can tell."""
+    """The worse of both ways where both have a mesh of their own; None where neither is known."""
     about = CATALOGUE[asked.metric]
     if (one.own or other.own) and (about.needs_same_mesh or about.of_part):
         return None

@@ -1,7 +1,7 @@
 """How far is a displacement from equilibrium on its own mesh? By the judge, without FEniCSx.
 
 What the numbers mean stands at `palpate.reference.result.Audit`; `palpate.reference.audit` finds
-the same ones in its own way, and those of a higher degree.
+the same numbers in its own way, and those of a higher degree.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from palpate.validation.metrics.smoothing import Array
 # Rounding ends any hope of convergence long before.
 _MOST_ITERATIONS = 20_000
 _SOLVE_TOLERANCE = 1e-10
-# A random right-hand side has more than this of every mode.
+# A random right-hand side has a larger component along every mode.
 _SIGN_TOLERANCE = 1e-6
 
 
@@ -59,7 +59,7 @@ def audit_on_own_mesh(
     residual_norm = math.sqrt(max(float(np.vdot(residual, lifted)), 0.0))
     cell_errors = _cell_errors(linear, lifted)
     if element is Element.SMOOTHED:
-        # The energy of averages has no places: by that of the cells themselves.
+        # The energy of averages belongs to no cell: distribute it as that of the cells themselves.
         cell_errors *= residual_norm / (np.linalg.norm(cell_errors) or 1.0)
     energy = body.energy(displacement)
     scale = math.sqrt(2.0 * energy) if energy > 0.0 else 0.0
@@ -146,8 +146,8 @@ class Tangent:
     """Derivative of internal less external force by the displacement, fixed components left out.
 
     Args:
-        body: Whose forces.
-        displacement: Where [m], (num_points, 3).
+        body: The body whose forces are differentiated.
+        displacement: The displacement at which [m], (num_points, 3).
     """
 
     def __init__(self, body: Body, displacement: Points) -> None:
@@ -200,9 +200,9 @@ class Tangent:
 
 
 def _diagonal(body: Body) -> Points:
-    """That scales a linear system: one number for a point that slides along a slanted plane.
+    """Scales of a linear system: one number for a point that slides along a slanted plane.
 
-    What is divided by it then stays in that plane.
+    What is divided by them stays in that plane.
     """
     diagonal = body.stiffness_diagonal
     if body.slopes is None:
@@ -230,7 +230,7 @@ def solve_scaled(
         product: A x.
         right: b, (num_points, 3); as x, 0 where fixed.
         diagonal: Positive, near A's own.
-        tolerance: Of the residual over b, both scaled by the diagonal.
+        tolerance: Tolerance of the residual over b, both scaled by the diagonal.
         is_symmetric: Whether A is.
 
     Raises:

@@ -83,8 +83,8 @@ def spring_force(
     Args:
         mesh: At rest.
         spring: With its facets in that mesh.
-        displacement: Of the points [m].
-        time: Of its path [s]; where it ends, at full stiffness, if None.
+        displacement: Displacement of the points [m].
+        time: Time on the anchor's path [s]; None is the end of the path, at full stiffness.
     """
     anchor = spring.path.end if time is None else spring.path.at(time)
     kappa = spring.densities(mesh.points)
@@ -122,10 +122,10 @@ class Body:
     Attributes:
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
         mu: The second [Pa].
-        c01: Of Mooney and Rivlin's law by cell [Pa].
+        c01: Second coefficient of Mooney and Rivlin's law by cell [Pa].
         law: What the material follows under Green strain.
         fixed: Components that supports fix, (num_points, 3).
-        prescribed: Where they are [m], at full amplitude.
+        prescribed: Their prescribed displacement [m], at full amplitude.
         touchable: Points that a tool may touch, (num_points,).
         free: Components where the sum of forces must vanish, (num_points, 3). Points that a tool
             may touch are left out: what it pushes there is not known; so are those that slide.
@@ -172,7 +172,7 @@ class Body:
         return self.follows and any(isinstance(load, Pressure) for load in self.problem.loads)
 
     def gradient(self, displacement: Points) -> Array:
-        """Of the displacement, by cell [-], (num_cells, 3, 3)."""
+        """Gradient of the displacement by cell [-], (num_cells, 3, 3)."""
         corners = displacement[self.mesh.cells].transpose(0, 2, 1)
         gradients: Array = corners @ self._gradients
         return gradients
@@ -245,8 +245,8 @@ class Body:
         Times stiffness damping over the step, those of stiffness damping.
 
         Args:
-            displacement: [m].
-            before: That of a step earlier.
+            displacement: Displacement [m].
+            before: Displacement a step earlier [m].
         """
         H, H_before = self.gradient(displacement), self.gradient(before)
         change = strain_of(H, self.strain) - strain_of(H_before, self.strain)
@@ -325,9 +325,9 @@ class Body:
         """Sum of all loads and springs [N], tools left out.
 
         Args:
-            displacement: [m]; pressures and springs follow it.
-            time: Of amplitudes [s]; without them where None.
-            factors: Of each load beside its amplitude; 1 where None.
+            displacement: Displacement [m]; pressures and springs follow it.
+            time: Time at which amplitudes are taken [s]; no amplitudes where None.
+            factors: Factor of each load beside its amplitude; 1 where None.
             is_other: See `load`.
         """
         force = np.zeros_like(self.mesh.points)

@@ -35,26 +35,26 @@ class Metric:
     """One metric.
 
     Attributes:
-        name: As in a case file.
+        name: The name, as in a case file.
         meaning: What it says, in one line.
         scale: What the error is divided by.
-        error: Of a candidate beside the reference on one mesh, and what reading may leave of it.
+        error: Of a candidate beside the reference on one mesh, and what reading may add to it.
         scale_of: Size of the reference that `error` is divided by, and its name for people.
-        compare: Instead of these two, candidate and reference to a relative error at the case's
-            points.
+        compare: Used instead of these two: from candidate and reference the relative error at the
+            case's points.
         of_part: As `compare`, of a part of the body that a check names.
-        own: Of the candidate alone.
+        own: The value, from the candidate alone.
         says: What was found and the limit, of the candidate alone.
-        unit: Of the value.
+        unit: Unit of the value.
         asks: Keys of a check that say which number is compared with one of the case file, the
             candidate's or the truth's own; empty of what compares two states.
         read: That number; None of a displacement at a point, over time or at the end.
         components: Which `component` such a check may name.
         dimension: Of that number: "length", "force", "stress", "volume" or "energy".
-        bar_of: Whose error bar the truth's number has.
+        bar_of: Name of the metric whose error bar the truth's number has.
         is_alone: On its own mesh, without what it is at the case's points.
-        is_of_surface: Of a part: of a support or a cut, not of cells.
-        is_fitted: To a motion, as good as its samples.
+        is_of_surface: A metric of a part of the surface (a support or a cut), not of cells.
+        is_fitted: Its number is fitted to a motion, and is as good as the samples.
         is_lower_limit: The limit is the least that it may be, not the most.
         has_moving_truth: The truth of a motion has an error bar of it: points over time, not
             integrals of the last state.
@@ -64,7 +64,7 @@ class Metric:
         needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
             read at the points does not carry it.
         needs_time: For cases with [time] only.
-        needs_tools: Of cases with tools only.
+        needs_tools: For cases with tools only.
     """
 
     name: str
@@ -373,11 +373,11 @@ def measure(
     """A metric between two states of a problem; on its own mesh too where the candidate has one.
 
     Args:
-        name: Of the metric.
-        problem: Of both.
-        candidate: Who is judged.
+        name: Name of the metric.
+        problem: The problem of both states.
+        candidate: The state that is judged.
         reference: What it is compared with.
-        part: Of the body, for metrics of one.
+        part: The part of the body, for metrics of a part.
 
     Raises:
         InputError: No such metric, one of the candidate alone, or one of a part without the part.

@@ -48,10 +48,10 @@ class Pair:
     Attributes:
         case: The case's problem.
         mesh: The case's, or the candidate's own.
-        displacement: Of the candidate there [m], (mesh.num_points, 3).
+        displacement: The candidate's displacement there [m], (mesh.num_points, 3).
         read: The reference there, and what reading it may be off by.
-        candidate: At the case's points.
-        reference: There too.
+        candidate: The candidate's state at the case's points.
+        reference: The reference's state there.
         is_own: Whether the mesh is the candidate's own.
     """
 
@@ -94,11 +94,11 @@ def compare_states(
     """A metric of two states.
 
     Args:
-        error: Of the metric.
-        scale_of: Likewise.
+        error: Error of the metric on a pair.
+        scale_of: Size of the reference that the error is divided by, and its name.
         problem: The case's.
-        candidate: At the case's points.
-        reference: There too.
+        candidate: The candidate's state at the case's points.
+        reference: The reference's state there.
         own: The candidate on a mesh of its own, which is looked at as well.
         is_alone: That mesh is all that counts, where there is one; else the value is the worst of
             both meshes.

@@ -50,7 +50,7 @@ def measurable_rows(array: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def is_still(mesh: TetMesh, state: State) -> bool:
-    """Whether a state moves nowhere, at no time, by more than the rounding of the body's places."""
+    """Whether a state never moves by more than the rounding of the body's coordinates."""
     size = float(np.ptp(mesh.points, axis=0).max())
     return all(bool((np.abs(u) <= _ROUNDING * size).all()) for u in state.fields)
 
@@ -61,8 +61,8 @@ class Difference:
 
     Attributes:
         value: The error over the scale [-]; infinite where it, or the scale, is no number.
-        scale: In the metric's unit.
-        scale_name: For people.
+        scale: What the error was divided by, in the metric's unit.
+        scale_name: Name of the scale, for people.
         uncertainty: What the comparison itself may be off by, over the scale [-]: added to the
             reference's error bar. Above 0 where something has to be read between what was
             given, in space or in time; infinite where the comparison says nothing.

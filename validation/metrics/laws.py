@@ -5,7 +5,7 @@ and from the reference. Stresses are written so that they take complex numbers: 
 dH is the imaginary part of a step i h dH, without a difference and to rounding (W. Squire,
 G. Trapp, SIAM Review 40, 1998).
 
-Beside them the laws that a simulator may have used in the place of the one asked for: each takes
+Beside them the laws that a simulator may have used instead of the one asked for: each takes
 the displacement gradient and Lame's parameters by cell to the first Piola-Kirchhoff stress P,
 (num_cells, 3, 3).
 """
@@ -193,8 +193,8 @@ def energy_density(
         H: F - I, (num_cells, 3, 3).
         lmbda: Lamé's first parameter at rest [Pa], (num_cells,).
         mu: The second.
-        c01: Of Mooney and Rivlin's law [Pa]; read by no other.
-        terms: Of Ogden's law (see `Material`); read by no other.
+        c01: Second coefficient of Mooney and Rivlin's law [Pa]; read by no other law.
+        terms: Terms of Ogden's law (see `Material`); read by no other law.
     """
     if law is Law.SAINT_VENANT_KIRCHHOFF:
         E = strain_of(H, Strain.GREEN)
@@ -328,7 +328,7 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
         return others
     if asked.is_linear_in_strain:
         return others | {f"{law} law": partial(_without_c01, law) for law in _STABLE}
-    # Slips in Saint-Venant-Kirchhoff's own formula are none of another law's.
+    # A mistake in Saint-Venant-Kirchhoff's own formula is no mistake in another law's.
     common = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
     found = {name: others[name] for name in common}
     for law in Law:

@@ -122,7 +122,7 @@ def oscillation_offsets(
 
 
 def swinging_most(motion: Trajectory) -> tuple[int, Array]:
-    """The point that moves most about its mean place, and the direction it does so along."""
+    """The point that moves most about its mean position, and the direction of that motion."""
     about = motion.displacements - motion.displacements.mean(axis=0)
     point = int((about**2).sum(axis=(0, 2)).argmax())
     axis = np.linalg.svd(about[:, point], full_matrices=False)[2][0]
@@ -164,9 +164,9 @@ def may_be_alias(
 
     Args:
         problem: With mass, stiffness, supports and loads.
-        strain: Whose law pulls the body back.
+        strain: Strain measure of the law that pulls the body back.
         motion: The states.
-        element: Whose tetrahedra pull it back: those of the candidate.
+        element: Tetrahedra that pull it back: those of the candidate.
         of: The motion whose content is looked at, the reference's; `motion` where None.
     """
     gap = largest_gap(motion)
@@ -206,13 +206,13 @@ def content_frequency(
 
 @dataclass(frozen=True)
 class NumericalDamping:
-    """Of the oscillation of the point that swings most.
+    """Numerical damping of the oscillation of the point that swings most.
 
     Attributes:
         steps: Scheme and time step.
-        frequency: As the answer has it [Hz].
+        frequency: Frequency of the oscillation in the result [Hz].
         formula: Damping ratio by the scheme [-].
-        measured: That of the answer, less what the case's dampings make of it [-].
+        measured: Damping ratio of the result, less that of the case's own dampings [-].
         uncertainty: Of `measured`: what other modes leak into the fit, and how far the motion's
             first third would move it [-].
     """
@@ -232,7 +232,7 @@ class NumericalDamping:
 
 
 def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDamping:
-    """Damping by the scheme that an answer states, and the one that it has.
+    """Damping by the scheme that a result states, and the damping that it has.
 
     measured = (g - lambda / 2) / w - beta w / 2 for a decay exp(-g t) at w = 2 pi f under mass
     damping lambda and stiffness damping beta. The formula is of the frequency that the scheme makes
@@ -247,7 +247,7 @@ def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDampi
             or a frequency that the scheme cannot have with this step.
 
     Note:
-        Two modes of nearly one frequency beat: what is measured then is neither's.
+        Two modes of nearly one frequency beat: what is measured then is that of neither.
     """
     motion = answer.trajectory
     if motion is None or answer.steps is None or problem.time is None:

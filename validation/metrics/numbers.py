@@ -1,7 +1,7 @@
-"""Single numbers of one state, in SI units, to hold against what somebody published or measured.
+"""Single numbers of one state, in SI units, to compare with what was published or measured.
 
 Of a motion they are of its last state. Each is worked out in the same way for a candidate's linear
-or smoothed tetrahedra, an answer on a mesh of its own, and a quadratic truth, whose integrals are
+or smoothed tetrahedra, a result on a mesh of its own, and a quadratic truth, whose integrals are
 stored beside its displacement.
 """
 
@@ -41,8 +41,8 @@ class Number:
     """A number of a state.
 
     Attributes:
-        value: In its SI unit.
-        doubt: What reading it may be off by, in that unit: of answers on meshes of their own.
+        value: The number in its SI unit.
+        doubt: What reading may add to it, in that unit; above 0 for results on their own meshes.
         scale: What errors of the metric that its error bar is of are divided by, in that unit; of
             a mean stress the most that it can be off by where their L2 norm is off by all of it.
     """
@@ -94,7 +94,7 @@ def tool_force(problem: Problem, state: State, part: Part, component: str) -> Nu
 
 
 def volume_change(problem: Problem, state: State, _part: Part, _component: str) -> Number:
-    """Deformed volume less that at rest [m3]; of an answer on its own mesh that of its own."""
+    """Deformed volume less that at rest [m3]; for a result on its own mesh, that mesh's."""
     rest = problem.mesh.volume
     return Number(state.volume - rest, scale=size_of_change(state.volume, rest))
 

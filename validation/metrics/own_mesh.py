@@ -59,7 +59,7 @@ OWN_MESH_REMEDY = (
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A displacement read at places.
+    """A displacement read at given positions.
 
     Attributes:
         value: [m], (num_places, 3).
@@ -75,12 +75,12 @@ class Reading:
 def read_between(mesh: TetMesh, displacement: Points, degree: int, own: TetMesh) -> Reading:
     """A displacement at the points of a mesh read at the points of another.
 
-    Outside of the mesh it is continued by the gradient at the nearest place, all of it doubt.
+    Outside of the mesh it is continued by the gradient at the nearest point, all of it doubt.
 
     Args:
         mesh: The case's.
-        displacement: At its points [m], (mesh.num_points, 3).
-        degree: Of the elements that it was solved with.
+        displacement: Displacement at its points [m], (mesh.num_points, 3).
+        degree: Degree of the elements that it was solved with.
         own: The other mesh.
     """
     location = locate_points(mesh, own)
@@ -156,7 +156,7 @@ def _fit(
     # Nearer neighbours count for more.
     importance = (size / length) ** 2
     normal = np.add.reduceat(np.einsum("n,ni,nj->nij", importance, basis, basis), starts, axis=0)
-    # On second derivatives above all: what is linear is found so, however few the neighbours.
+    # On second derivatives above all: linear fields are found exactly, however few the neighbours.
     ridge = np.diag([_RIDGE**2] * 3 + [_RIDGE] * 6)
     normal += np.trace(normal, axis1=1, axis2=2)[:, None, None] * ridge
     inverse = np.linalg.inv(normal)[:, :3][who - rows[0]]
@@ -187,17 +187,17 @@ def own_reactions(
     Args:
         problem: The case's.
         own: The own mesh with the case's materials.
-        displacement: Of the answer on it [m].
-        candidate: The answer at the case's points.
-        reference: There too.
+        displacement: Displacement of the result on that mesh [m].
+        candidate: The result at the case's points.
+        reference: The reference there.
     """
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
     force = body_of(own, strain, candidate.element).internal(displacement)
     is_held = fixed_components(problem)[0] > 0
-    # Loads near a support, and pressure, may be put in the wrong place.
+    # Loads near a support, and pressure, may be applied to the wrong points.
     loose = np.zeros(mesh.num_points)
-    # So may a weight: an answer of the case's mesh, sent on a finer one, is balanced on its own.
+    # So may a weight: a result of the case's mesh, sent on a finer one, is balanced on its own.
     weight = np.zeros(mesh.num_points)
     for load in problem.loads:
         factor = factor_at_end(problem, load)

@@ -1,24 +1,24 @@
-"""What single precision does to an answer: how far from the reference a correct one may be.
+"""What single precision does to a result: how far from the reference a correct one may be.
 
-A program that keeps its numbers in 24 bits makes relative errors of u = 2^-24 = 6e-8.
+A program that stores its numbers in 24 bits makes relative errors of u = 2^-24 = 6e-8.
 
 Statics. A strain E = (F^T F - I) / 2 comes from numbers of size 1, three products and two sums,
 each rounded: it is off by up to 4 u, however small it is. So are the stresses, and the nodal
-forces; the body answers the unbalanced rest with its own compliance,
+forces; the body responds to the unbalanced rest with its own compliance,
 
     K du = sum over cells of V (C : dE) grad N,    |dE_ij| <= 4 u at random,
 
 which is where the condition of the case comes in: a slender body, or cells much smaller than the
-body, answer with more. K is the stiffness at rest, solved by conjugate gradients. Places X + u + du
-are rounded once more, as an answer given in places would be. Each metric between the reference and
-such an answer is what rounding does to it.
+body, respond with more. K is the stiffness at rest, solved by conjugate gradients. Positions
+X + u + du are rounded once more, as a result given in positions would be. Each metric between the
+reference and such a result is what rounding does to it.
 
 Motion. Each of n steps rounds the displacement by u |a|, as an acceleration of u |a| / dt^2 would.
-A motion of frequency w answers each with an oscillation of u |a| / (w dt); n of them with random
-signs add to sqrt(n) as much: relative to the displacement r = sqrt(n) u / (w dt). (Who keeps
-velocities rounds less. Who steps places X + a instead of displacements rounds |X| / |a| times more,
-and is not granted that.) Over time r itself is the error; of the last state that of a field du
-scaled to it.
+A motion of frequency w responds to each with an oscillation of u |a| / (w dt); n of them with
+random signs add to sqrt(n) as much: relative to the displacement r = sqrt(n) u / (w dt). (A program
+that stores velocities rounds less. One that steps positions X + a, not displacements, rounds
+|X| / |a| times more, and is not granted that.) Over time r itself is the error; of the last state
+that of a field du scaled to it.
 
 The limit is ten times that, since a solver stops somewhat above its rounding, and signs are not
 always random; and never above a tenth of the smallest mistake that every gate must see, a material
@@ -55,22 +55,22 @@ _SOLVED_TO = 1e-4
 
 
 class SinglePrecision:
-    """Limits of a problem for answers in single precision.
+    """Limits of a problem for results in single precision.
 
     Args:
-        problem: Of the case.
+        problem: The case's problem.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
     def limit(self, metric: str, reference: State, part: Part | None = None) -> float:
-        """The error that a correct answer in single precision may have.
+        """The error that a correct result in single precision may have.
 
         Args:
             metric: One that compares with a reference on the same mesh.
             reference: That reference.
-            part: Of the body, for metrics of one.
+            part: The part of the body, for metrics of a part.
 
         Returns:
             Relative to the metric's scale, at most LARGEST.
@@ -110,7 +110,7 @@ class SinglePrecision:
 
     @cached_property
     def _fields(self) -> tuple[tuple[Points, Points], ...]:
-        """Displacements [m] by which the body answers rounded strains, and the forces [N]."""
+        """Displacements [m] with which the body responds to rounded strains, and the forces [N]."""
         problem, random = self._problem, np.random.default_rng(0)
         body, free = body_of(problem, Strain.LINEAR), 1.0 - fixed_components(problem)[0]
         found = []
@@ -129,7 +129,7 @@ class SinglePrecision:
         return tuple(found)
 
     def _answers(self, reference: State, relative: float) -> list[State]:
-        """Answers as far off as SAFETY times rounding may lead."""
+        """Results as far off as SAFETY times rounding may lead."""
         mesh, states = self._problem.mesh, []
         for field, _ in self._fields:
             size = SAFETY

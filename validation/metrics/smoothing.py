@@ -47,7 +47,7 @@ class Smoothing:
         mesh: At rest.
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
         mu: The second [Pa].
-        c01: Of Mooney and Rivlin's law [Pa]; None is 0.
+        c01: Second coefficient of Mooney and Rivlin's law [Pa]; None is 0.
     """
 
     def __init__(self, mesh: TetMesh, lmbda: Array, mu: Array, c01: Array | None = None) -> None:

@@ -49,13 +49,13 @@ class MotionHypothesis:
         law: The law; None for the one asked for.
         lame: Lamé's parameters by cell; None for those asked for.
         mass: Lumped [kg], (num_points,); None for the right one.
-        inverse_mass: Of a full matrix, (num_points, num_points), where it is not lumped.
-        mass_factor: Of the mass.
-        stiffness_factor: Of the internal force.
-        load_factors: Of each load; None for 1.
+        inverse_mass: Of a full mass matrix [1/kg], (num_points, num_points), where it is not lumped.
+        mass_factor: Factor of the mass [-].
+        stiffness_factor: Factor of the internal force [-].
+        load_factors: Factor of each load [-]; None for 1.
         is_other_pressure: Pressures follow the surface where they should not, or the reverse.
         damping: lambda of D = lambda M [1/s]; None for what was asked.
-        viscosity: Of the stiffness damping.
+        viscosity: Factor of the stiffness damping [-].
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
         late: Steps that every stored state comes late.
@@ -87,7 +87,7 @@ class Stepper:
     """Steps a body's motion to its first outputs.
 
     Attributes:
-        body: Its forces.
+        body: The body whose forces are integrated.
         step: Length of a step [s].
         per_output: Steps from output to output.
         num_outputs: How many outputs are stepped to.
@@ -168,7 +168,7 @@ class Stepper:
         return force / (hypothesis.mass_factor * mass[:, None])
 
     def _speed_at_start(self, fixed: Mask) -> Points:
-        """What is free of the initial velocity [m/s]."""
+        """The initial velocity of free components [m/s]."""
         problem = self.body.problem
         if problem.initial_velocity is None:
             return np.zeros_like(self.body.mesh.points)
@@ -177,7 +177,7 @@ class Stepper:
         return speed if slopes is None else slopes.without(speed)
 
     def _slid(self, displacement: Points, time: float, hypothesis: MotionHypothesis) -> Points:
-        """With the points that slide where their planes are."""
+        """The displacement with sliding points moved onto their planes [m]."""
         slopes, problem = self.body.slopes, self.body.problem
         if slopes is None:
             return displacement
@@ -187,7 +187,7 @@ class Stepper:
         return slopes.placed(displacement)
 
     def _prescribed(self, time: float, hypothesis: MotionHypothesis) -> Points:
-        """Where fixed components are [m]."""
+        """Prescribed displacement of the fixed components [m]."""
         problem = self.body.problem
         is_moving = hypothesis.with_amplitudes and any(s.amplitude for s in problem.supports)
         return fixed_components(problem, time)[1] if is_moving else self.body.prescribed

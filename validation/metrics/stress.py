@@ -61,10 +61,10 @@ _SAME = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Where a check looks.
+    """The part of the body that a check looks at.
 
     Attributes:
-        cells: Whose stress is compared, (n,); none for a force.
+        cells: Cells whose stress is compared, (n,); none for a force.
         weights: How much of each component of a nodal force counts, 0 or 1, (num_points, 3).
         support: Number of the support from 0, whose own force it is; None of a cut or of cells.
         tool: Number of the tool from 0; None where it is of none.
@@ -90,8 +90,8 @@ def stress_integrals(
 
     Args:
         mesh: The case's.
-        stresses: Of its cells.
-        strain_energy: Of the whole body [J], stored beside them.
+        stresses: Stresses of its cells.
+        strain_energy: Strain energy of the whole body [J], stored beside them.
 
     Returns:
         None where the first Piola-Kirchhoff stress is not known.
@@ -134,7 +134,7 @@ def traction_resultant(
     """Size of the error of the force through a support or a cut.
 
     Over the largest resultant of a load or support in the reference; where each of them is balanced
-    in itself it is the error in newtons, and so is the limit.
+    Divided by the largest resultant of a load or support in the reference; where each is balanced
     """
     ours, doubt = read_stress(problem, candidate)
     theirs, _ = read_stress(problem, reference)
@@ -232,7 +232,7 @@ def read_stress(problem: Problem, state: State) -> tuple[StressIntegrals, Stress
 def _read_own(
     problem: Problem, state: State, own: OwnMesh
 ) -> tuple[StressIntegrals, StressIntegrals]:
-    """Means over the case's cells of stresses by own cells, read at eight places of each.
+    """Means over the case's cells of stresses by own cells, read at eight points of each.
 
     They are the middles of the eight that the cell is cut into. The doubt is half of how far apart
     the means of two sets of four are, whose own mean the reading is.
@@ -278,7 +278,7 @@ def mistaken_stress(body: Body, displacement: Points, sent: Floats, cells: Indic
         body: The case's, with the element that was said.
         displacement: As it was sent [m].
         sent: Taken for Cauchy's stress [Pa], (num_cells, 3, 3).
-        cells: Where it is looked at.
+        cells: Cells in which it is compared.
     """
     sigma, P = body.stresses(displacement)
     known = {

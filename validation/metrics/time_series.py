@@ -66,7 +66,7 @@ class OscillationError:
             add up in it.
         damping: Difference of the decay rates times the reference's period [-]: the relative
             error of amplitude that one period adds.
-        mean: Of the centre of oscillation, over the reference's amplitude [-].
+        mean: Difference of the centres of oscillation, over the reference's amplitude [-].
     """
 
     amplitude: float
@@ -117,13 +117,13 @@ def fit_uncertainty(
 
     What the fit leaves over is moved along time, end to start, with the cosine's decay (that of
     all modes under damping by mass), added to the cosine, and fitted again: had the rest come at
-    another phase, this is what would have been found (a bootstrap that keeps the rest's
+    another phase, this is what would have been found (a bootstrap that preserves the rest's
     frequencies; Politis and Romano 1992). Its mean stays, so the series is also fitted without
     parts of its last period. Largest error of all.
 
     Args:
-        times: As in `fit_oscillation`.
-        values: Likewise.
+        times: Times of the samples, as in `fit_oscillation`.
+        values: Values of the samples, as in `fit_oscillation`.
         fitted: What `fit_oscillation` found of them; it is asked where None.
 
     Raises:

@@ -11,10 +11,10 @@ acceleration lets it: |u(t) - line| <= a h1 h2 / 2, h1 and h2 the times to the t
 loads F that stay, sqrt(a.M a) <= sqrt(F.M^-1 F) at all times: differentiate the equation of motion,
 and its energy (a.M a + v.K v) / 2 only falls, from the value of the start. Loads that change add
 their total variation; supports that move are loads that change, by what they pull with. This holds
-for linear elasticity, whatever the damping by mass; Green strain keeps near it.
+for linear elasticity, whatever the damping by mass; Green strain stays near it.
 
 For tools there is no such bound, and for moving supports a wide one. There the second differences
-of the answer's states at the outputs, which are compared, say how it accelerates, where they are
+of the result's states at the outputs, which are compared, say how it accelerates, where they are
 close enough to resolve the motion.
 """
 
@@ -79,7 +79,7 @@ class Worst:
 
     @property
     def when(self) -> str:
-        """Where in time, for people; "" in statics."""
+        """The time, as words for people; "" in statics."""
         return "" if self.time is None else f" at {self.time:.4g} s"
 
 
@@ -177,7 +177,7 @@ def state_out_of_reach(problem: Problem, state: State) -> str:
     """Why a state that was given cannot be one of this body's motion; "" where all can.
 
     Every state is compared with those before and after it, next to it and half an output away.
-    An answer that was interpolated between steps as long as an output is within reach too.
+    A result that was interpolated between steps as long as an output is within reach too.
     """
     motion, outputs = state.given, state.trajectory
     if problem.time is None or motion is None or outputs is None:
@@ -240,9 +240,9 @@ def largest_acceleration(
 
     Args:
         problem: With its time span, from rest or with an initial velocity.
-        strain: Whose law the supports pull with.
+        strain: Strain measure of the law by which the supports pull.
         outputs: The motion at the outputs; looked at where supports move or tools press.
-        element: Whose tetrahedra the supports pull at.
+        element: Tetrahedra that the supports pull at.
     """
     assert problem.time is not None
     end, mass = problem.time.end_time, lumped_mass(problem)
@@ -281,7 +281,7 @@ def largest_acceleration(
 
 
 def _by_start(problem: Problem, velocity: Points) -> float:
-    """Of a motion that starts with a velocity: a' = -M^-1 K v keeps (a.M a) + (v.K v).
+    """Bound of a motion that starts with a velocity: a' = -M^-1 K v preserves (a.M a) + (v.K v).
 
     Besides, the damping's lambda v, and stiffness damping's beta M^-1 K v.
     """
