@@ -49,7 +49,7 @@ class MotionHypothesis:
         law: The law; None for the one asked for.
         lame: Lamé's parameters by cell; None for those asked for.
         mass: Lumped [kg], (num_points,); None for the right one.
-        inverse_mass: Of a full mass matrix [1/kg], (num_points, num_points); None where it is lumped.
+        inverse_mass: Inverse of a full mass matrix [1/kg], (num_points, num_points); None: lumped.
         mass_factor: Factor of the mass [-].
         stiffness_factor: Factor of the internal force [-].
         load_factors: Factor of each load [-]; None for 1.
