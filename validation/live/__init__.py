@@ -1,1 +1,1 @@
-"""A live page: a body that is seen and touched, by several simulators under the same hand."""
+"""The live page: a body is seen and touched, and several simulators follow the same hand."""

@@ -1,11 +1,11 @@
-"""`palpate bench touch`: the live page's server under a recording client, no browser beside it.
+"""`palpate bench touch`: times the live page's server with a recording client, without a browser.
 
-A tool is pressed into the kidney of `steps` and drawn aside, linear beside Green strain, a thread
-each. Rows have seconds (of the clock, for a second of the bodies' time) with rate, its reciprocal;
-processor_factor, the bodies' time over the busier thread's processor time, which does not depend on
-what else the machine does; frames_per_second; latency_ms and worst_latency_ms from a hand's message
-to a frame that has it, in the server's clock; megabytes_per_second; page_kilobytes.
-The client is a page without a browser, for timings and tests.
+A tool is pressed into the kidney of `steps` and drawn aside; linear and Green strain run beside
+each other in a thread each. Rows have seconds (wall clock, for a second of simulated time) with
+rate, its reciprocal; processor_factor, the simulated time over the processor time of the busier
+thread, which does not depend on what else the machine does; frames_per_second; latency_ms and
+worst_latency_ms from a message of the hand to the frame that shows it, by the server's clock;
+megabytes_per_second; page_kilobytes. The client stands in for a page, in timings and in tests.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from palpate.validation.versions import version_of
 if TYPE_CHECKING:
     from websockets.sync.client import ClientConnection
 
-# No frame for so long is an error [s].
+# Waiting longer than this for a frame is an error [s].
 _PATIENCE = 30.0
 
 
 class Client:
-    """One end of the socket.
+    """The page's end of the socket.
 
     Attributes:
-        scene: What the server said first.
-        frames: Heads of all frames.
-        sizes: Their sizes [bytes].
-        notes: All notes.
+        scene: The first message of the server.
+        frames: The heads of all frames received.
+        sizes: The sizes of these frames [bytes].
+        notes: All notes received.
     """
 
     def __init__(self, socket: ClientConnection) -> None:
@@ -57,11 +57,11 @@ class Client:
         self._last = b""
 
     def say(self, kind: str, **message: Any) -> None:
-        """Send a message of the page."""
+        """Send a message as the page does."""
         self.socket.send(json.dumps({"kind": kind, **message}))
 
     def hear(self) -> dict[str, Any]:
-        """The head of the next frame, which is confirmed, or the next note."""
+        """Return the head of the next frame, and confirm that frame; or return the next note."""
         news = self.socket.recv(_PATIENCE)
         if isinstance(news, str):
             self.notes.append(self._note(news))
@@ -75,10 +75,10 @@ class Client:
         return head
 
     def until(self, is_so: Callable[[dict[str, Any]], bool], most: int = 10_000) -> dict[str, Any]:
-        """The first head or note that is so.
+        """The first head or note for which `is_so` is true.
 
         Raises:
-            TimeoutError: None of so many, or nothing comes.
+            TimeoutError: It is true for none of the first `most`, or nothing is received.
         """
         for _ in range(most):
             heard = self.hear()
@@ -87,11 +87,11 @@ class Client:
         raise TimeoutError(f"none of {most} frames and notes")
 
     def until_time(self, seconds: float) -> dict[str, Any]:
-        """The first frame at a time of the bodies [s] or later."""
+        """The first frame at this simulated time [s] or later."""
         return self.until(lambda heard: heard.get("time", -1.0) >= seconds)
 
     def positions(self, num_points: int) -> list[Points]:
-        """Of the surface's points in the last frame [mm], (num_points, 3) for each pane."""
+        """Positions of surface points in the last frame [mm], (num_points, 3) for each pane."""
         _, numbers, _ = unpack_frame(self._last, num_points)
         box = self.scene["box"]
         return [box["step"] * of + np.array(box["origin"]) for of in numbers]
@@ -104,7 +104,7 @@ class Client:
 
 @contextmanager
 def connected(address: str, **changed: Any) -> Iterator[Client]:
-    """A client of a page's address; see `websockets.sync.client.connect` for what may change."""
+    """A client connected to a page; `changed` goes to `websockets.sync.client.connect`."""
     from websockets.sync.client import connect
 
     options = {"origin": address.rsplit("/", 2)[0], "max_size": None, "compression": None}
@@ -113,14 +113,14 @@ def connected(address: str, **changed: Any) -> Iterator[Client]:
 
 
 Row = dict[str, Any]
-# The kidney of `palpate bench steps`.
+# The number of cells of the kidney of `palpate bench steps`.
 KIDNEY = 20_000
 SIZES = (KIDNEY,)
 TABLE = (
     "processor_factor", "frames_per_second", "latency_ms", "worst_latency_ms",
     "megabytes_per_second", "page_kilobytes", "real_time_held",
 )  # fmt: skip
-# Of the bodies' time [s]; the first part is not counted.
+# Simulated time [s]; the first part is not counted.
 SECONDS, WARM_UP = 6.0, 1.0
 # How far the tool is pressed in and drawn aside [mm].
 _WAY = ((0.0, 0.0, -22.0), (6.0, 4.0, -24.0))
@@ -146,7 +146,7 @@ region = { half_space = { point = [0.0, 0.0, -26.75], normal = [0.0, 0.0, -1.0] 
 
 
 def measure(_size: int, progress: Progress) -> list[Row]:
-    """One row.
+    """Time the server, as one row.
 
     Raises:
         TouchUnavailableError: `websockets` is not installed.
@@ -158,18 +158,18 @@ def measure(_size: int, progress: Progress) -> list[Row]:
 
 
 def summary(_rows: Sequence[Row]) -> list[str]:
-    """Nothing beside the table."""
+    """No lines: the table says everything."""
     return []
 
 
 def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = SECONDS) -> Row:
-    """Serve a body of tissue [m] to a client that moves a hand, and read the clocks.
+    """Serve a body of soft tissue [m] to a client that moves the hand, and read the clocks.
 
     Args:
-        mesh: Of a kidney's size; held below, pressed from above.
-        folder: For the case.
-        progress: Told once.
-        seconds: Of the bodies' time.
+        mesh: A body of a kidney's size; it is fixed below and pressed from above.
+        folder: Where the case is written.
+        progress: Called once.
+        seconds: Simulated time [s].
     """
     from palpate.validation.case import load_case
     from palpate.validation.live.live_case import Touch

@@ -1,8 +1,8 @@
-"""Frames for the page: where the surfaces are, how they are coloured, how quick it all is.
+"""Frames for the page: positions and colours of the surfaces, and how fast the simulation runs.
 
-A frame is four bytes with the length of its head, the head as JSON, padded so that what follows
-begins at a multiple of 8, and then for each pane positions of the surface's points, 16 bits for
-each coordinate within a stated box, and shades, 8 bits a point.
+A frame consists of four bytes with the length of its head, the head as JSON, padded so that the
+rest begins at a multiple of 8, and then for each pane the positions of the surface points, 16 bits
+for each coordinate within a stated box, and their shades, 8 bits a point.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from palpate.validation.live.panes import Pane
 
 _STEPS = 65535
 _ALIGNMENT = 8
-# Energies cost more than a look at the surface: every so many frames.
+# Energies cost more than positions do: they are computed once in this number of frames.
 _SELDOM = 6
 # The scale of colours ends at this part of the body's size, of 1, of Young's modulus or beyond.
 _LEAST = 1e-3
-# The pace is a mean over so long [s].
+# The pace is a mean over this time [s].
 _WHILE = 1.0
 
 
@@ -33,8 +33,8 @@ class Box:
     """A box in which coordinates are stated in whole numbers from 0 to 65535.
 
     Args:
-        points: Of the body at rest [mm], shape (n, 3); the box is three times as large, so that a
-            body may move by its own size.
+        points: Points of the body at rest [mm], shape (n, 3); the box is three times as large, so
+            that a body may move by its own size.
     """
 
     def __init__(self, points: Points) -> None:
@@ -44,20 +44,20 @@ class Box:
         self.step = 3.0 * side / _STEPS
 
     def packed(self, positions: Points) -> NDArray[np.uint16]:
-        """Whole numbers of positions [mm], shape (n, 3); what lies outside is on the box's side."""
+        """Positions [mm] as whole numbers, shape (n, 3); outside points move to the box's side."""
         numbers = np.rint((positions - self.origin) / self.step)
         packed: NDArray[np.uint16] = np.clip(numbers, 0, _STEPS).astype("<u2")
         return packed
 
     def described(self) -> dict[str, Any]:
-        """For the page: position = origin + step * number [mm]."""
+        """The box as the page needs it: position = origin + step * number [mm]."""
         return {"origin": self.origin.tolist(), "step": self.step}
 
 
 def pack_frame(
     head: dict[str, Any], panes: Sequence[tuple[NDArray[np.uint16], NDArray[np.uint8]]]
 ) -> bytes:
-    """A frame from its head and each pane's numbers and shades (format above)."""
+    """Pack a frame: its head, and whole numbers and shades of each pane (format above)."""
     text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-(len(text) + 4) % _ALIGNMENT)
     parts = [struct.pack("<I", len(text)), text]
@@ -69,7 +69,7 @@ def pack_frame(
 def unpack_frame(
     data: bytes, num_points: int
 ) -> tuple[dict[str, Any], list[NDArray[np.uint16]], list[NDArray[np.uint8]]]:
-    """Head, numbers (num_points, 3) and shades (num_points,) of each pane: a client's side."""
+    """Unpack a frame: head, and whole numbers (num_points, 3) and shades (num_points,) by pane."""
     (length,) = struct.unpack_from("<I", data)
     head: dict[str, Any] = json.loads(data[4 : 4 + length])
     begin, count = 4 + length, len(head["panes"])
@@ -79,7 +79,7 @@ def unpack_frame(
 
 
 class Pace:
-    """How long the bodies' time takes.
+    """How fast the simulation runs.
 
     Args:
         tick: Length of a tick [s].
@@ -91,7 +91,7 @@ class Pace:
         self._ends: list[float] = []
 
     def note(self, spent: float, cpu: float) -> None:
-        """A tick took so much time, and so much of the busiest thread's processor [s]."""
+        """Note the wall time of a tick, and the processor time of its busiest thread [s]."""
         share = min(1.0, self._tick / (0.5 * _WHILE))
         self._spent += share * (spent - self._spent)
         self._cpu += share * (cpu - self._cpu)
@@ -99,7 +99,7 @@ class Pace:
         self._ends = [*(end for end in self._ends if now - end < _WHILE), now]
 
     def described(self) -> dict[str, float]:
-        """Times real time that is possible, the same by processor time, and what is reached."""
+        """The speeds possible by wall and by processor time, and that reached, in real time."""
         age = time.perf_counter() - self._ends[0] + self._tick if self._ends else _WHILE
         return {
             "factor": self._tick / max(self._spent, 1e-9),
@@ -109,15 +109,15 @@ class Pace:
 
 
 class FrameMaker:
-    """What is seen of the panes.
+    """Makes the frames that show the panes.
 
     Args:
         rest: Points of the surface at rest [mm], shape (n, 3).
-        youngs_modulus: [Pa].
+        youngs_modulus: Of the body [Pa].
 
     Attributes:
-        colour: What the surface is coloured by.
-        count: Of frames so far.
+        colour: The quantity that colours the surface.
+        count: Number of frames so far.
     """
 
     def __init__(self, rest: Points, youngs_modulus: float) -> None:
@@ -139,14 +139,14 @@ class FrameMaker:
         self._energies: dict[str, float] = {}
 
     def colour_by(self, colour: str) -> None:
-        """Colour by something else from now on."""
+        """Choose the quantity that colours the surface from now on."""
         self.colour, self._most = colour, 0.0
 
     def frame(self, panes: Sequence[Pane], head: dict[str, Any]) -> bytes:
-        """The next frame, with more for its head."""
+        """The next frame; `head` is added to its own head."""
         self.count += 1
         shades = [pane.shades(self.colour) for pane in panes]
-        # One scale for all, which falls slowly so that the eye can follow.
+        # One colour scale for all panes, which falls slowly so that the eye can follow.
         self._most = max(
             *(float(of.max()) for of in shades), 0.98 * self._most, self._least[self.colour]
         )
@@ -171,5 +171,5 @@ class FrameMaker:
 
 
 def _finite(value: float) -> float:
-    """A number that JSON has."""
+    """The value as a finite number, as JSON requires."""
     return float(value) if np.isfinite(value) else 0.0

@@ -1,12 +1,12 @@
-"""The hand: where tool and anchor are sent, tick by tick, and whether bodies are at rest.
+"""The hand: positions of tool and anchor, tick by tick, and whether the bodies have settled.
 
 Times are whole numbers of ticks, a tick a whole number of steps, and a step has 20 significant
 bits: products and quotients of them are exact, so that a recorded path gives every step the same
-pose again, bit for bit. Positions are kept in the case's unit, as they stand in the case file.
+pose again, bit for bit. Positions are stored in the case's unit, as in the case file.
 
-With damping the last of a motion dies away geometrically: of the ways d1, d2 in two windows of
-time, one after the other, d2 q / (1 - q) with q = d2 / d1 is left (A. C. Aitken, Proc. Roy. Soc.
-Edinburgh 46, 1926). Heavy damping settles slower than 1 / damping: the motion itself is watched.
+With damping a motion dies away geometrically: after displacements d1 and d2 in two successive
+windows of time, d2 q / (1 - q) with q = d2 / d1 remains (A. C. Aitken, Proc. Roy. Soc. Edinburgh
+46, 1926). Heavy damping settles slower than 1 / damping: the motion itself is watched.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 
 _BITS = 20
-# Where a body takes no more, the tool goes back so many times as fast as it may come.
+# Where a body can be pressed no further, the tool retreats at this multiple of its speed.
 RETREAT = 5
-# Of its speed, where there is little room.
+# Least fraction of the tool's speed where there is little room.
 _SLOWEST = 0.1
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Steps and ticks.
+    """The time step, and how many steps make a tick.
 
     Attributes:
-        time_step: [s], with at most 20 significant bits.
-        steps: In a tick.
+        time_step: Length of a step [s], with at most 20 significant bits.
+        steps: Number of steps in a tick.
     """
 
     time_step: float
@@ -40,7 +40,7 @@ class Clock:
 
     @classmethod
     def of(cls, largest_step: float, tick: float) -> Clock:
-        """The longest step up to one [s], and as many as come nearest to a tick [s]."""
+        """The longest step up to the largest one [s], and the number that best fits a tick [s]."""
         mantissa, exponent = math.frexp(largest_step)
         step = math.ldexp(math.floor(mantissa * 2**_BITS), exponent - _BITS)
         return cls(step, max(1, round(tick / step)))
@@ -53,17 +53,17 @@ class Clock:
 
 @dataclass
 class Hand:
-    """Where the tool is and is to be.
+    """The tool's present position, and the position that it is sent to.
 
     Args:
-        start: Outside of the body, in the case's unit, shape (3,).
+        start: Position outside of the body, in the case's unit, shape (3,).
         outwards: Unit vector away from the body there, shape (3,).
-        largest_way: In a tick, in the case's unit.
-        digits: Of a position behind the point, in the case's unit.
+        largest_way: Largest distance moved in a tick, in the case's unit.
+        digits: Decimal places of a position in the case's unit.
 
     Attributes:
-        position: Where the tool is at the end of the present tick.
-        is_held_back: The body took no more, and the tool went back a little.
+        position: Position of the tool at the end of the present tick.
+        is_held_back: Whether the body could be pressed no further, and the tool retreated a little.
     """
 
     start: Floats
@@ -79,24 +79,24 @@ class Hand:
         self.position = self.start.copy()
 
     def send(self, goal: Floats) -> None:
-        """Go to a position, in the case's unit."""
+        """Send the tool to a position, in the case's unit."""
         self._goals = [goal]
 
     def stay(self) -> None:
-        """Stop where it is."""
+        """Stop the tool where it is."""
         self._goals = []
 
     def withdraw(self) -> None:
-        """Go out along the way back out, then to the start."""
+        """Retract the tool along `outwards`, then return it to the start."""
         out = float((self.start - self.position) @ self.outwards)
         self._goals = [self.position + max(out, 0.0) * self.outwards, self.start.copy()]
 
     def next_position(self, room: float = 1.0) -> Floats:
-        """Where the tool is to be at the end of the next tick.
+        """The position of the tool at the end of the next tick.
 
         Args:
-            room: Part of its speed that it may have; 0 or less: the body takes no more, and the
-                tool goes back on its own way.
+            room: Fraction of its speed that it may have; at 0 or less the body can be pressed no
+                further, and the tool retreats along its own path.
         """
         self.is_held_back = room <= 0.0 and bool(self._behind)
         if self.is_held_back:
@@ -122,22 +122,22 @@ class Hand:
         self.position = there
 
 
-# Of the bodies' time [s]: a window, and all of it.
+# Simulated time [s]: of a window, and of all the waiting.
 _WINDOW, _LONGEST = 0.1, 10.0
-# Way that is left of the largest displacement [-]: a tenth of what the verdict can tell.
+# Remaining motion over the largest displacement [-]: a tenth of what the verdict resolves.
 _RESTS = 1e-3
-# Less than this part of the displacement in a window is rounding.
+# Motion in a window below this fraction of the displacement is rounding.
 _ROUNDING = 1e-7
 
 
 class Settling:
-    """One hold.
+    """Watches the bodies until they have settled.
 
     Args:
-        tick: Of the bodies' time between two looks [s], > 0.
+        tick: Simulated time between two observations [s], > 0.
 
     Attributes:
-        to_go: Way that is left over the largest displacement, of the body that has farthest to go
+        to_go: Remaining motion over the largest displacement, of the body that has farthest to go
             [-]; infinite before the second window, and where the motion does not die away.
     """
 
@@ -157,22 +157,22 @@ class Settling:
 
     @property
     def is_over(self) -> bool:
-        """Whether they rest, or were waited for long enough."""
+        """Whether every body has come to rest, or the waiting time is over."""
         return self.rests or self._ticks >= self._most
 
     @property
     def says(self) -> str:
-        """How far from rest they are, in a sentence."""
+        """How far from rest the bodies are, in a sentence."""
         if self.rests:
             return f"settled: less than {_RESTS:.1%} of the largest displacement is still to go"
         left = "it does not die away" if math.isinf(self.to_go) else f"{self.to_go:.1%} is to go"
         return f"not at rest after {_LONGEST:g} s: of the largest displacement {left}"
 
     def note(self, displacements: Sequence[Points]) -> bool:
-        """Look at the bodies once more [m], shape (num_points, 3) each.
+        """Note the present displacements [m], shape (num_points, 3) for each body.
 
         Returns:
-            Whether a window ended with this look.
+            Whether a window ended with this observation.
         """
         if not self._begin:
             self._begin = [u.copy() for u in displacements]
@@ -194,5 +194,5 @@ class Settling:
 
 
 def _left(first: float, second: float) -> float:
-    """Way after two windows [m]; infinite where the second was no shorter."""
+    """Motion that remains after two windows [m]; infinite where the second was no smaller."""
     return second * max(1.0, second / (first - second)) if second < first else math.inf

@@ -1,7 +1,7 @@
-"""What is seen, stopped and compared with the reference in the background.
+"""Compares the pose on the page with the reference, in the background.
 
-First on the same mesh, within seconds; then the truth, for so long at most. Whichever there is, is
-shown at once and stays.
+The same mesh comes first, within seconds; then the truth, within a time limit. Each result is
+shown as soon as it is there, and stays.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from palpate.validation.live.verdict import SAME_MESH, TRUTH
 
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
-# Each answer is waited for so long after what was before it [s].
+# The longest wait for each result, counted from the end of what preceded it [s].
 LIMITS = {SAME_MESH: 120.0, TRUTH: 180.0}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
-# Progress is reported so often at most [s].
+# The shortest time between two reports of progress [s].
 _BREATH = 0.5
 
 
 class Judging(threading.Thread):
-    """Runs `verdict` for a pose and says what comes of it.
+    """Runs `verdict` for a pose and passes its notes to the page.
 
     Args:
         case: Written by `recording.write_pose`.
-        pose: Beside it.
-        say: Takes notes for the page.
+        pose: The file of the pose beside it.
+        say: Called with notes for the page.
     """
 
     def __init__(self, case: Path, pose: Path, say: Callable[[Note], None]) -> None:
@@ -46,7 +46,7 @@ class Judging(threading.Thread):
         self._timer = threading.Timer(0.0, self._give_up)
 
     def run(self) -> None:
-        """The thread."""
+        """Run the program and pass on its notes."""
         if not availability.is_available():
             self._end(
                 "FEniCSx is not installed here, so there is nothing to hold this against; where it "
@@ -92,7 +92,7 @@ class Judging(threading.Thread):
         return "; the verdict on the same mesh stands" if self._waits_for == TRUTH else ""
 
     def _wait_for(self, question: str | None) -> None:
-        """Begin to wait for the answer to a question; for nothing more where None."""
+        """Begin to wait for the result of a question; with None, stop waiting."""
         self._timer.cancel()
         self._waits_for = question
         if question is not None:
@@ -106,7 +106,7 @@ class Judging(threading.Thread):
             self._process.terminate()
 
     def _pass_on(self, note: Note) -> None:
-        """A note of the program; after the first errors the truth is waited for."""
+        """Pass on a note of the program; after the first errors, wait for the truth."""
         if note["kind"] == "judged":
             self._wait_for(TRUTH if note["more"] else None)
         self._say(note)
@@ -115,7 +115,7 @@ class Judging(threading.Thread):
             self._say({"kind": "progress", "text": f"looking for the truth, {limit:g} s at most"})
 
     def stop(self) -> None:
-        """End it, with what it started."""
+        """End the thread and the program that it started."""
         self._is_over = True
         self._timer.cancel()
         if self._process is not None:

@@ -1,4 +1,4 @@
-"""The case as it is touched: the body of a case file, a tool in a hand, and time."""
+"""A case that is touched: the body of a case file, a tool that the hand moves, and the clock."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from palpate.validation.case.schema import CaseSpec
 from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.live.hand import Clock
 
-# A tick is about so long [s]: two make a frame.
+# The approximate length of a tick [s]: two make a frame.
 TICK = 1.0 / 120.0
-# Loads of a static case come within this time [s].
+# Loads of a static case are applied over this time [s].
 _RAMP = 0.5
-# Where the case has no tool: of the body's longest side, and at least of the largest gap between
-# vertices, for those are kept out: a ball of 1.5 gaps sinks in by a quarter of a gap and a little,
-# a smaller one by far more.
+# The radius of a tool where the case has none, as a multiple of the body's longest side, and at
+# least of the largest gap between vertices: contact acts on vertices alone, and a ball of 1.5 gaps
+# sinks in by little more than a quarter of a gap, a smaller one by far more.
 _RADIUS, _GAPS = 0.12, 1.5
-# Patch that is grabbed, likewise: some vertices are in it.
+# The radius of a patch that is grabbed, in the same terms: it contains some vertices.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
-# Of a case's own tool, what the hand takes.
+# The keys of a case's own tool that the hand's tool takes over.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
-# How far from the body the tool begins, of the longest side.
+# Initial distance of the tool from the body, as a fraction of the longest side.
 _AWAY = 0.06
-# Damping where the case says none, in parts of the lowest shear wave's frequency.
+# Damping where the case states none, as a fraction of the lowest shear wave's frequency.
 _DAMPING_RATIO = 0.5
-# What a case at rest asks that one in motion cannot answer, or that belongs to its own loads.
+# Keys of a static case that have no meaning in a motion, or that belong to its own loads.
 _LEFT_OUT = ("check", "truth", "evidence", "published", "tool", "time")
 
 
@@ -52,10 +52,10 @@ class Touch:
     """How a case is touched.
 
     Attributes:
-        tool: Its table in a case file without poses, in the case's unit; None takes the case's
-            own where that begins, or a sphere as `tool_table` has it.
+        tool: The tool's table of a case file, without poses, in the case's unit; None takes the
+            case's own tool at its start, or a sphere as `tool_table` makes it.
         has_loads: Whether the case's own loads act.
-        mass_damping: [1/s]; None takes the case's, or half of critical for the lowest wave.
+        mass_damping: [1/s]; None takes the case's, or half of critical for the lowest shear wave.
         is_condensed: Whether the condensed linear model is touched beside the stepped bodies.
     """
 
@@ -70,14 +70,14 @@ class LiveCase:
     """A case that is touched.
 
     Attributes:
-        case: As it was read.
-        data: Its file's tables, with the hand's tool at its start, and time for one tick.
-        problem: In SI units, stepped a tick at a time.
-        clock: Steps and ticks.
-        start: Of the tool, in the case's unit, shape (3,).
+        case: The case as it was read.
+        data: The tables of its file, with the hand's tool at its start, and a time of one tick.
+        problem: The problem in SI units, which is stepped a tick at a time.
+        clock: The time step and the tick.
+        start: Start of the tool, in the case's unit, shape (3,).
         outwards: Unit vector away from the body there, shape (3,).
         has_loads: Whether the case's own loads and springs act.
-        notes: What was chosen for the case, a sentence each.
+        notes: A sentence for each choice that was made for the case.
     """
 
     case: Case
@@ -91,11 +91,11 @@ class LiveCase:
 
     @property
     def unit(self) -> float:
-        """Of the case's lengths [m]."""
+        """The case's unit of length [m]."""
         return LENGTH[self.case.spec.units.length]
 
     def described(self) -> dict[str, Any]:
-        """What the page says of it."""
+        """What the page says of the case."""
         mesh = self.problem.mesh
         return {
             "time_step": self.clock.time_step,
@@ -107,7 +107,7 @@ class LiveCase:
         }
 
     def with_path(self, positions: list[Floats]) -> dict[str, Any]:
-        """The tables with the tool's positions tick by tick, shape (3,) each, from the start."""
+        """The tables with the tool's positions at each tick from the start, shape (3,) each."""
         data = copy.deepcopy(self.data)
         tick = self.clock.tick
         first = data["tool"][0]["pose"][0]
@@ -120,16 +120,16 @@ class LiveCase:
 
 
 def tool_table(case: Case, shape: str | None, radius: float | None) -> dict[str, Any] | None:
-    """The table of a tool, from its shape in a word or a file; None of the case's own.
+    """The table of a tool, from the name of its shape or from a file; None for the case's own.
 
     Args:
-        case: Beside whose file a surface lies.
+        case: The case; a surface file lies beside the case's file.
         shape: "sphere", "capsule" (six times as long as thick), or a file of a closed surface.
         radius: In the case's unit; None takes 0.12 of the body's longest side,
             or 1.5 times the largest gap between vertices where that is larger.
 
     Raises:
-        InputError: A radius that is none, or that goes with a surface.
+        InputError: The radius is not a positive number, or is given together with a surface.
     """
     if radius is not None and not (math.isfinite(radius) and radius > 0.0):
         raise InputError(f"radius = {radius:g}: needs a value above 0")
@@ -147,7 +147,7 @@ def tool_table(case: Case, shape: str | None, radius: float | None) -> dict[str,
 
 
 def _default_radius(case: Case) -> float:
-    """In the case's unit."""
+    """The radius of a tool where none is given, in the case's unit."""
     mesh = case.mesh.mesh
     side = float(np.ptp(mesh.points, axis=0).max())
     radius = max(_RADIUS * side, _GAPS * _largest_gap(mesh)) / LENGTH[case.spec.units.length]
@@ -156,13 +156,13 @@ def _default_radius(case: Case) -> float:
 
 
 def patch_radius(mesh: TetMesh) -> float:
-    """Of a patch that is grabbed, unless the page says another [m]."""
+    """The radius of a patch that is grabbed, unless the page states another [m]."""
     side = float(np.ptp(mesh.points, axis=0).max())
     return max(_PATCH * side, _GAPS_OF_PATCH * _largest_gap(mesh))
 
 
 def _largest_gap(mesh: TetMesh) -> float:
-    """Largest radius of a circle through the corners of a boundary facet [m]."""
+    """The largest circumradius of a boundary facet [m]."""
     corners = mesh.points[mesh.boundary_facets]
     a, b, c = (np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=1) for k in range(3))
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -170,16 +170,16 @@ def _largest_gap(mesh: TetMesh) -> float:
 
 
 def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCase:
-    """Prepare a case for the hand.
+    """Prepare a case to be touched.
 
     Args:
         case: Static or a motion; its own tools give the hand their shape only.
-        touch: What the hand holds.
-        elements: That are stepped; all take the shortest of their steps.
+        touch: The hand's tool, and what else acts.
+        elements: The elements that are stepped; all take the shortest of their stable steps.
 
     Raises:
-        InputError: A case that cannot be touched; one with slanted supports for instance.
-        ToolTooSmallError: A tool that would slip between the vertices of the surface.
+        InputError: The case cannot be touched; it has slanted supports, for instance.
+        ToolTooSmallError: The tool would pass between the vertices of the surface.
     """
     _require_touchable(case)
     unit = LENGTH[case.spec.units.length]
@@ -245,7 +245,7 @@ def problem_of(case: Case, data: dict[str, Any]) -> Problem:
     """The problem of changed tables, on the case's own mesh.
 
     Raises:
-        CaseError: They are no case.
+        CaseError: The tables do not describe a case.
     """
     try:
         spec = CaseSpec.model_validate(data)
@@ -257,7 +257,7 @@ def problem_of(case: Case, data: dict[str, Any]) -> Problem:
 
 
 def _free_side(problem: Problem) -> int:
-    """The axis on whose upper end the least is fixed; the first look is across the others."""
+    """The axis on whose upper end the fewest points are fixed; the first view is across it."""
     points = problem.mesh.points
     fixed = [support.points for support in problem.supports]
     if not fixed:
@@ -268,7 +268,7 @@ def _free_side(problem: Problem) -> int:
 
 
 def _begin_of(tool: ToolSpec, outwards: Floats) -> tuple[Floats, dict[str, Any] | None, Floats]:
-    """Where a case's own tool begins, how it is turned, and the way out from there."""
+    """Start and rotation of a case's own tool, and the outward direction from there."""
     first = np.array(tool.pose[0].position)
     turn = tool.pose[0].rotation
     ways = [first - np.array(pose.position) for pose in tool.pose[1:]]
@@ -301,7 +301,7 @@ def _damping_of(problem: Problem) -> float:
 
 
 def _require_touchable(case: Case) -> None:
-    """Refuse what no tool can be put to."""
+    """Refuse a case that no tool can touch."""
     if any(support.normal is not None for support in case.problem.supports):
         raise InputError(
             f"{case.name}: a tool and a support along a slanted normal do not go together; turn "

@@ -1,4 +1,4 @@
-"""The simulators of the page: bodies that are stepped under one hand, and what is read of them."""
+"""The simulators of the page: bodies that follow one hand, and the quantities read from them."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
-# A cell of less than this part of its volume takes no more: soon the law softens, and such a cell
-# inverts within a few ticks. From so much above it on the tool goes slower and slower.
+# A cell below this fraction of its volume is pressed no further: soon the law softens, and such a
+# cell inverts within a few ticks. From the second number above it on the tool slows down.
 _LEAST_DET_F, _SLOWER = 0.45, 0.4
-# The gap between vertices is checked every so many ticks.
+# The gap between vertices is checked once in this number of ticks.
 _CHECK_EVERY = 6
-# The surface may be so deep in the tool, of half its thickness, unmentioned; deeper than the
-# second, the tool is on its way through the surface.
+# Depth of the surface in the tool, as a fraction of half the tool's thickness: beyond the first a
+# warning is given; beyond the second the tool is passing through the surface.
 _DEEP, _THROUGH = 0.1, 0.5
 
 
 class Surface:
-    """What is seen of a body, and the cells behind it.
+    """The surface of a body, and the cells behind it.
 
     Attributes:
         used: Points of the boundary, ascending, shape (n,).
-        facets: Boundary facets in their numbering, shape (m, 3).
+        facets: Boundary facets in the numbering of these points, shape (m, 3).
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -70,13 +70,13 @@ class Surface:
         self._counts = np.bincount(corners.reshape(-1), minlength=len(self._points))
 
     def body(self, strain: Strain) -> Body:
-        """Of the cells behind the surface alone."""
+        """A body of the cells behind the surface alone."""
         return Body.of(self._problem, strain)
 
     def equivalent(self, body: Body, displacement: Points, *, of_strain: bool) -> Floats:
         """Equivalent strain [-] or von Mises stress [Pa] at the surface's points.
 
-        Means over the cells that meet at a point, of those behind the surface.
+        Each value is the mean over the cells behind the surface that meet at the point.
         """
         own = displacement[self._points]
         if of_strain:
@@ -96,7 +96,7 @@ class Surface:
         return at_points
 
     def volume(self, points: Points) -> float:
-        """Enclosed by the surface with its points at these positions, shape (n, 3)."""
+        """Volume enclosed by the surface with its points at these positions, shape (n, 3)."""
         a, b, c = (points[self.facets[:, k]] for k in range(3))
         return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
 
@@ -105,7 +105,7 @@ class BetweenVertices:
     """Depth of a body's flat facets in the first tool of a problem, which only vertices touch.
 
     Args:
-        problem: With the tool, turned as it is at the start.
+        problem: The problem with the tool, which is rotated as at the start.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -116,11 +116,11 @@ class BetweenVertices:
         self._pose["rotation"] = problem.tools[0].path.pose_at(0.0)[1]
 
     def depth(self, position: Floats, displacement: Points) -> float:
-        """Of the deepest middle of an edge or a facet [m], >= 0.
+        """The depth of the deepest midpoint of an edge or a facet [m], >= 0.
 
         Args:
-            position: Of the tool [m], shape (3,).
-            displacement: Of the body [m], shape (num_points, 3).
+            position: Position of the tool [m], shape (3,).
+            displacement: Displacement of the body [m], shape (num_points, 3).
         """
         corners = (self._mesh.points + displacement)[self._mesh.boundary_facets]
         middles = 0.5 * (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3)
@@ -129,11 +129,11 @@ class BetweenVertices:
         return max(0.0, -float(gaps.distances.min()))
 
     def is_through(self, depth: float) -> bool:
-        """Whether the tool has parted the vertices, and would go through the surface."""
+        """Whether the tool has pushed the vertices apart, and would pass through the surface."""
         return depth > _THROUGH * self._thickness
 
     def warning(self, position: Floats, displacements: Sequence[Points]) -> str:
-        """What to say where facets of one of the bodies are deep in the tool; else nothing."""
+        """A warning where facets of one of the bodies are deep in the tool; empty otherwise."""
         deepest = max(self.depth(position, displacement) for displacement in displacements)
         if deepest <= _DEEP * self._thickness:
             return ""
@@ -148,18 +148,18 @@ class Pane(ABC):
     """A body under the hand: one tool, and at most one spring that pulls at the surface.
 
     Args:
-        problem: With one tool, whose path is its start, and a time span of one tick.
-        surface: Of its mesh.
-        strain: Linear or Green.
+        problem: The problem with one tool, whose path is its start, and a time span of one tick.
+        surface: The surface of its mesh.
+        strain: Linear or Green strain.
         element: Linear or smoothed tetrahedra.
-        name: For people.
+        name: The name that people read.
 
     Attributes:
-        trouble: Why it stands still; nothing while it goes.
-        smallest_det_f: Lately; 1 under linear strain, which does not know it.
-        largest_speed: Of the tool, up to which vertices can follow [m/s].
-        seconds: That the last tick took [s].
-        cpu_seconds: The same of this thread's processor.
+        trouble: The reason why the body stands still; empty while it moves.
+        smallest_det_f: The smallest det F of late; 1 under linear strain, which does not define it.
+        largest_speed: Speed of the tool up to which vertices can follow [m/s].
+        seconds: Wall time of the last tick [s].
+        cpu_seconds: Processor time of this thread in the last tick [s].
     """
 
     largest_speed = float("inf")
@@ -176,43 +176,43 @@ class Pane(ABC):
 
     @property
     def room(self) -> float:
-        """Part of its speed that the tool may have [-]; 0 or less: the body takes no more."""
+        """Fraction of its speed that the tool may have [-]; at 0 or less, press no further."""
         return 1.0
 
     @property
     @abstractmethod
     def displacement(self) -> Points:
-        """Of all points [m], shape (num_points, 3)."""
+        """Displacement of all points [m], shape (num_points, 3)."""
 
     @abstractmethod
     def reset(self) -> None:
-        """To rest, at time 0, the tool at its start."""
+        """Return the body to rest at time 0, and the tool to its start."""
 
     @abstractmethod
     def hold(self, spring: Spring) -> None:
-        """Let a spring pull besides the problem's own."""
+        """Add a spring to those of the problem."""
 
     @abstractmethod
     def let_go(self) -> None:
-        """Let it pull no more."""
+        """Remove the spring of `hold`."""
 
     @abstractmethod
     def pull(self) -> Floats:
-        """Of the body on the hand that holds it by a spring, now [N], shape (3,)."""
+        """Present force of the body on the hand through the spring [N], shape (3,)."""
 
     @abstractmethod
     def mean_force(self) -> Floats:
-        """Of the body on the tool since it was last asked for [N], shape (3,)."""
+        """Mean force of the body on the tool since the last call [N], shape (3,)."""
 
     @abstractmethod
     def strain_energy(self) -> float:
-        """[J]."""
+        """Strain energy of the body [J]."""
 
     @abstractmethod
     def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None: ...
 
     def advance(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
-        """One tick: tool [m] and anchor [m] go to their positions, shape (3,) each."""
+        """Advance by a tick, in which tool and anchor move to these positions [m], shape (3,)."""
         if self.trouble:
             return
         begin, cpu = time.perf_counter(), time.thread_time()
@@ -228,19 +228,19 @@ class Pane(ABC):
         return self.displacement[self._surface.used]
 
     def positions(self) -> Points:
-        """Of the surface's points [m], shape (n, 3)."""
+        """Positions of the surface points [m], shape (n, 3)."""
         positions: Points = self._rest + self._moved()
         return positions
 
     def shades(self, by: str) -> Floats:
-        """What the surface is coloured by, at its points [m], [-] or [Pa], shape (n,)."""
+        """The quantity that colours the surface, at its points [m], [-] or [Pa], shape (n,)."""
         if by == "displacement":
             length: Floats = np.linalg.norm(self._moved(), axis=1)
             return length
         return self._surface.equivalent(self._skin, self.displacement, of_strain=by == "strain")
 
     def volume_change(self, positions: Points) -> float:
-        """Of its volume at rest [-]."""
+        """Change of volume as a fraction of the volume at rest [-]."""
         return self._surface.volume(positions) / self._volume - 1.0
 
 
@@ -266,7 +266,7 @@ class ExplicitPane(Pane):
 
     @property
     def room(self) -> float:
-        """See `Pane`: less near the end of a cell, none on the way through the surface."""
+        """See `Pane`: less as a cell is nearly crushed, none while the tool passes the surface."""
         return 0.0 if self._is_through else (self.smallest_det_f - _LEAST_DET_F) / _SLOWER
 
     def reset(self) -> None:
@@ -334,15 +334,15 @@ class ExplicitPane(Pane):
 class CondensedSpring:
     """A spring over a patch of a condensed body: K (d - u) with the patch's own compliance C.
 
-    With u = u' + C f and u' what all else does, (1 + K C) f = K (d - u').
+    With u = u' + C f, where u' is due to everything else, (1 + K C) f = K (d - u').
 
     Args:
-        model: The body.
-        spring: Over the patch; its path is not read.
+        model: The condensed model of the body.
+        spring: The spring over the patch; its path is not read.
 
     Attributes:
-        rows: Of the model's touched points, where it pulls.
-        force: There [N], shape (len(rows), 3).
+        rows: Rows of the model's touched points on which it pulls.
+        force: Its force on these points [N], shape (len(rows), 3).
     """
 
     def __init__(self, model: CondensedModel, spring: Spring) -> None:
@@ -374,11 +374,11 @@ class CondensedSpring:
         self.force = np.zeros((count, 3))
 
     def pull(self, anchor: Floats, displacement: Points) -> None:
-        """Find its force.
+        """Find the force of the spring.
 
         Args:
-            anchor: How far it is moved [m], shape (3,).
-            displacement: Of the seen points under the present force and all else [m].
+            anchor: Displacement of the anchor [m], shape (3,).
+            displacement: Displacement of the observed points under its force and all else [m].
         """
         others = displacement[self._seen].ravel() - self._compliance @ self.force.ravel()
         right = np.outer(self._sums, anchor).ravel() - self._stiffness @ others
@@ -386,14 +386,14 @@ class CondensedSpring:
 
 
 class CondensedPane(Pane):
-    """The condensed linear model: an equilibrium under the hand each tick, no inertia.
+    """The condensed linear model: an equilibrium under the hand in each tick, without inertia.
 
-    Where contact does not settle, the body stays as it was. Where tool and spring both act, each
+    Where contact does not converge, the body stays as it was. Where tool and spring both act, each
     follows the other a tick later.
 
     Raises:
-        InputError: The problem has loads, springs or moved supports; or as of `condense` and
-            `CondensedSteps`.
+        InputError: The problem has loads, springs or moved supports; or one of the reasons of
+            `condense` and `CondensedSteps`.
     """
 
     def __init__(self, problem: Problem, surface: Surface, element: Element) -> None:
@@ -415,7 +415,7 @@ class CondensedPane(Pane):
 
     @property
     def displacement(self) -> Points:
-        """See `Pane`; points inside follow those of the surface."""
+        """See `Pane`; interior points follow those of the surface."""
         return self._model.whole_displacement(self._steps.contact_forces + self._spring_forces())
 
     def reset(self) -> None:
@@ -480,7 +480,7 @@ class CondensedPane(Pane):
 
 
 def condensed_words(problem: Problem, element: Element) -> str:
-    """What the condensed pane of a case's body will take, said without taking it."""
+    """The memory and time that the condensed pane of a case's body will take, in a sentence."""
     bare = dataclasses.replace(problem, loads=(), springs=(), tools=(), time=None)
     seen = np.unique(problem.mesh.boundary_facets)
     return f"condensing: {condensed_size(bare, element=element, seen=seen, keep_inside=True)}"
@@ -493,9 +493,9 @@ def make_panes(
     *,
     is_condensed: bool = False,
 ) -> list[Pane]:
-    """Linear beside Green strain, then what else is asked for.
+    """Make the panes: linear beside Green strain, then those that are asked for besides.
 
-    Green strain by the further elements, and the condensed model with the first element.
+    These are Green strain by the further elements, and the condensed model by the first element.
     """
     kinds = [(strain, elements[0]) for strain in (Strain.LINEAR, Strain.GREEN)]
     kinds += [(Strain.GREEN, element) for element in elements[1:]]

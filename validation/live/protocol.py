@@ -1,4 +1,4 @@
-"""What the page sends to the server: small JSON messages, each checked."""
+"""The messages that the page sends to the server: small, in JSON, and each checked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from palpate.meshes.errors import InputError
 
-# Of one message from the page [bytes]; the longest proper one has about 200.
+# The largest message from the page [bytes]; the longest valid one has about 200.
 MOST_BYTES = 2048
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
@@ -17,7 +17,7 @@ Count = Annotated[int, Field(strict=True, ge=0, le=2**53)]
 
 
 class MessageError(InputError):
-    """A message that is none of those that the page may send."""
+    """The message is not one that the page may send."""
 
 
 class _Message(BaseModel):
@@ -41,7 +41,7 @@ class Grab(_Message):
 
 
 class Pull(_Message):
-    """Send what is grabbed by so much from where it was grabbed [mm]."""
+    """Pull the grabbed patch by a vector from where it was grabbed [mm]."""
 
     kind: Literal["pull"]
     number: Count
@@ -49,21 +49,20 @@ class Pull(_Message):
 
 
 class Order(_Message):
-    """What needs no numbers.
+    """An order that needs no numbers.
 
-    let_go: pull at the surface no more; withdraw: take the tool out of the body and back to where
-    it started as well; reset: back to rest; judge: stop, and compare what is seen with the
-    reference.
+    let_go: release the surface; withdraw: also retract the tool from the body to its start; reset:
+    return everything to rest; judge: stop, and compare the present pose with the reference.
     """
 
     kind: Literal["let_go", "withdraw", "reset", "judge"]
 
 
 class Switch(_Message):
-    """What is on or off.
+    """A switch that is on or off.
 
-    pause: the body's time stands still; loads: the case's own act, from rest; record: begin a
-    recording, at rest, or end it and write the case.
+    pause: simulated time stands still; loads: the case's own loads act, from rest; record: begin a
+    recording at rest, or end it and write the case.
     """
 
     kind: Literal["pause", "loads", "record"]
@@ -71,14 +70,14 @@ class Switch(_Message):
 
 
 class ColourBy(_Message):
-    """What the surface is coloured by."""
+    """The quantity that colours the surface."""
 
     kind: Literal["colour"]
     by: Literal["displacement", "strain", "stress"]
 
 
 class Shown(_Message):
-    """A frame was drawn."""
+    """The page has drawn a frame."""
 
     kind: Literal["shown"]
     frame: Count
@@ -89,11 +88,11 @@ _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discrimina
 
 
 def read_message(text: str | bytes) -> Message:
-    """A message of the page.
+    """Read a message of the page.
 
     Raises:
-        MessageError: Anything else: not text, too long, not JSON, an unknown key or kind, NaN, a
-            number of another type or out of its range.
+        MessageError: It is not text, too long or not JSON; it has an unknown key or kind, NaN, a
+            number of another type or one out of its range.
     """
     if not isinstance(text, str):
         raise MessageError("a message is text")

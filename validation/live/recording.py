@@ -23,24 +23,24 @@ from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import LiveCase
 from palpate.validation.live.panes import ExplicitPane, Pane
 
-# Of the stiffest spring that the time step bears: two grips may lie over each other in a recording.
+# Fraction of the stiffest spring that the time step allows: two grips of a recording may overlap.
 _PART_OF_ROOM = 0.4
-# Grips of one recording, for that reason.
+# The number of grips that one recording may have, for that reason.
 MOST_GRIPS = 2
 
 
 @dataclass
 class Grip:
-    """One hold of the surface.
+    """A grip of the surface by a spring.
 
     Attributes:
-        table: Of the spring in a case file, without path.
-        spring: The same in SI units, its anchor where the patch is.
-        hand: Moves the anchor, in the case's unit, from where the body is at rest.
-        first: Where the anchor was when the hand took hold, in the case's unit.
-        begin: Step at which it did.
-        end: At which it let go; None while it holds.
-        positions: Of the anchor at the end of each tick.
+        table: The spring's table in a case file, without path.
+        spring: The same spring in SI units, its anchor at the patch.
+        hand: Moves the anchor, in the case's unit, relative to the body at rest.
+        first: Position of the anchor when the grip began, in the case's unit.
+        begin: Step at which the grip began.
+        end: Step at which it ended; None while it lasts.
+        positions: Position of the anchor at the end of each tick.
     """
 
     table: dict[str, Any]
@@ -52,13 +52,13 @@ class Grip:
     positions: list[Floats] = field(default_factory=list)
 
     def recorded(self, clock_step: float, steps: int) -> dict[str, Any]:
-        """Its table with path and factors over time.
+        """The spring's table with path and factors over time.
 
-        On and off within the step before: forces are found at whole steps.
+        It is switched on and off within the preceding step: forces are computed at whole steps.
 
         Args:
-            clock_step: [s].
-            steps: In a tick.
+            clock_step: Length of a step [s].
+            steps: Number of steps in a tick.
         """
         path = [self.first, *self.positions]
         table = dict(self.table)
@@ -79,7 +79,7 @@ class Grip:
         return table
 
     def static_table(self) -> dict[str, Any]:
-        """Its table with the anchor as it is now, for statics."""
+        """The spring's table with the anchor at its present position, for statics."""
         return {**self.table, "displacement": self.hand.position.tolist()}
 
 
@@ -92,21 +92,21 @@ def take_hold(
     largest_way: float,
     digits: int,
 ) -> Grip:
-    """Take hold of the surface about one of its points.
+    """Grip the surface about one of its points.
 
-    The patch is as stiff as a rigid disc of that radius on a half space, 2 E r, or less where the
-    time step bears no more.
+    The patch is as stiff as a rigid disc of that radius on a half space, 2 E r, or less where that
+    would be unstable at the time step.
 
     Args:
-        live: What is touched.
-        pane: Whose patch says where the anchor begins; it pulls there with no force.
-        point: Of the mesh.
+        live: The case that is touched.
+        pane: The pane whose patch gives the anchor's start; there the spring has no force.
+        point: A point of the mesh, by its number.
         radius: [m], > 0.
-        largest_way: Of the anchor in a tick, in the case's unit.
-        digits: Of positions behind the point, in the case's unit.
+        largest_way: Largest distance that the anchor moves in a tick, in the case's unit.
+        digits: Decimal places of positions in the case's unit.
 
     Raises:
-        InputError: No patch there.
+        InputError: There is no patch at this point.
     """
     units, mesh, body = live.case.spec.units, live.problem.mesh, pane.body
     position = np.round(mesh.points[point] / live.unit, digits)
@@ -137,7 +137,7 @@ def take_hold(
     return Grip(table, spring, hand, first, body.steps)
 
 
-# States stored of a recorded motion, about so many a second.
+# The approximate number of states that are stored for each second of a recorded motion.
 _OUTPUTS = 30.0
 _MOTION_CHECKS: list[dict[str, Any]] = [
     {
@@ -161,9 +161,9 @@ _MOTION_CHECKS: list[dict[str, Any]] = [
 ]
 
 
-# Of the truth: a fifth of the smallest limit below.
+# The tolerance of the truth: a fifth of the smallest limit below.
 _BAR = 0.01
-# Less than this part of the body's size is no displacement worth a verdict.
+# A displacement below this fraction of the body's size is not worth a verdict.
 _NOTHING = 1e-6
 _POSE_CHECKS: list[dict[str, Any]] = [
     {
@@ -188,7 +188,7 @@ _FORCE_CHECK = {
 
 
 def ticks_of_output(tick: float, num_ticks: int) -> int:
-    """Ticks between two states that are stored of a recording [-]."""
+    """Number of ticks between two stored states of a recording [-]."""
     return max(1, min(num_ticks, round(1.0 / (_OUTPUTS * tick))))
 
 
@@ -198,11 +198,11 @@ def write_recording(
     """Write a recorded motion as a case, which repeats it step by step.
 
     Args:
-        live: What was touched.
-        positions: Of the tool in the case's unit at the end of each tick, from the start.
-        grips: Holds of the surface since then.
-        folder: Made where it is not there.
-        name: Of the case.
+        live: The case that was touched.
+        positions: Positions of the tool at the end of each tick from the start, in the case's unit.
+        grips: Grips of the surface since the start.
+        folder: Where the case goes; it is made where it does not exist.
+        name: The name of the case.
 
     Returns:
         The case file.
@@ -214,7 +214,7 @@ def write_recording(
     if num_ticks < 1:
         raise InputError("nothing was recorded: begin, move the tool, then end the recording")
     each = ticks_of_output(live.clock.tick, num_ticks)
-    # The tool rests until the last state that is stored.
+    # The tool stays in position until the last stored state.
     positions = [*positions, *[positions[-1]] * (-num_ticks % each)]
     data = live.with_path(positions)
     data["time"]["num_outputs"] = (len(positions) - 1) // each
@@ -236,16 +236,16 @@ def write_pose(
     folder: Path,
     name: str,
 ) -> tuple[Path, Path]:
-    """Write what is seen as a static case, with the answers of the panes beside it.
+    """Write the present pose as a static case, with the solutions of the panes beside it.
 
     Args:
-        live: What is touched.
-        position: Of the tool, in the case's unit, shape (3,).
-        panes: As they stand.
-        forces: On the tool [N], shape (3,) for each pane.
-        grip: Table of a spring that holds the surface.
-        folder: Made where it is not there.
-        name: Of the case.
+        live: The case that is touched.
+        position: Position of the tool, in the case's unit, shape (3,).
+        panes: The panes in their present state.
+        forces: Force on the tool [N], shape (3,) for each pane.
+        grip: Table of the spring that grips the surface.
+        folder: Where the case goes; it is made where it does not exist.
+        name: The name of the case.
 
     Returns:
         The case file, and the .npz with displacements, forces, names and elements.
@@ -275,7 +275,7 @@ def write_pose(
     data["check"] = list(_POSE_CHECKS)
     data["truth"] = {"bar": _BAR}
     if any(np.any(force) for force in forces):
-        # From outside straight to where it is: without friction the way does not matter.
+        # The tool comes straight from outside: without friction its path does not matter.
         out = max(0.0, float((live.start - position) @ live.outwards))
         pose = data["tool"][0]["pose"][0]
         data["tool"][0]["pose"] = [
@@ -300,7 +300,7 @@ def write_pose(
 
 
 def write_case(case: Case, data: dict[str, Any], folder: Path, name: str) -> Path:
-    """Write tables as a case file, with the files that the case names beside it."""
+    """Write tables as a case file, and beside it the files that the case names."""
     folder.mkdir(parents=True, exist_ok=True)
     for file in case.files[1:]:
         copy = folder / file.relative_to(case.folder)

@@ -1,4 +1,4 @@
-"""The local server of the live page: one address with a token, one page, one socket."""
+"""The local server of the live page, with one address with a token, one page and one socket."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def page_text(case: Case, simulation: Simulation) -> str:
 
 
 def page_policy(socket: str) -> str:
-    """Content-Security-Policy: our script, our style, our socket, and nothing else."""
+    """The Content-Security-Policy: it admits our own script, style and socket, nothing else."""
     _, script = script_of(*_SCRIPTS)
     return "; ".join(
         [
@@ -80,7 +80,7 @@ def page_policy(socket: str) -> str:
 
 
 def _scene(simulation: Simulation) -> str:
-    """The body at rest and the tool, lengths in mm, as JSON that is safe in a <script> element."""
+    """The body at rest and the tool [mm], as JSON that is safe inside a <script> element."""
     problem, surface = simulation.live.problem, simulation.surface
     points = problem.mesh.points[surface.used] * 1e3
     marks = np.zeros(problem.mesh.num_points, dtype=np.int8)
@@ -106,48 +106,48 @@ def _scene(simulation: Simulation) -> str:
 
 
 HOST = "127.0.0.1"
-# Frames that are on their way to the page at most; a later one takes the place of a waiting one.
+# The most frames on their way to the page; a later frame replaces one that waits.
 _ON_THE_WAY = 3
-# Orders that wait at most; more are dropped.
+# The most orders that wait; further ones are dropped.
 _WAITING = 1000
-# What the page has to take its leave when the server ends [s].
+# The time that the page has to close its socket when the server ends [s].
 _LEAVE = 1.0
-# Close code of a socket that another page holds.
+# Close code of a page whose socket another page uses.
 IN_USE = 4009
 
 
 def ignore_broken_pipes() -> None:
-    """Let a page that leaves be an error of its socket, as Python does at its start.
+    """Make a page that leaves an error of its socket, as Python does at its start.
 
-    PETSc and gmsh, where they have been used in the process, let it end the process. Does nothing
-    outside the main thread, which alone can.
+    PETSc and gmsh, once used in the process, let it end the process. This does nothing outside the
+    main thread, which alone can change it.
     """
     if threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 class TouchUnavailableError(InputError):
-    """The server's library is not installed."""
+    """The library of the server, `websockets`, is not installed."""
 
 
 class PageServer:
     """Serves the page of one case.
 
     Args:
-        case: What is touched.
-        touch: How.
-        elements: Of the panes.
-        folder: For recordings and what is judged.
-        patience: Ends when its page has been gone for so long [s]; one that comes back before finds
-            its body as it was. Default: waits until Ctrl-C.
-        port: To listen at; 0 takes a free one.
+        case: The case that is touched.
+        touch: How it is touched.
+        elements: The elements of the panes.
+        folder: Where recordings and judged poses go.
+        patience: Time without a page after which the server ends [s]; a page that returns earlier
+            finds its body as it was. Default: it waits until Ctrl-C.
+        port: The port to listen at; 0 takes a free one.
 
     Attributes:
-        address: Of the page, with its token.
+        address: The address of the page, with its token.
 
     Raises:
         TouchUnavailableError: `websockets` is not installed.
-        InputError: A case that cannot be touched, or a port that is taken.
+        InputError: The case cannot be touched, or the port is in use.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class PageServer:
         self._held: ServerConnection | None = None
         self._notes: deque[str] = deque()
         self._slot: tuple[int, bytes] | None = None
-        # A frame that the simulation has made and the loop has not taken yet.
+        # The frame that the simulation has made and the loop has not sent yet.
         self._is_coming = False
         self._sent = self._shown = 0
 
@@ -191,7 +191,7 @@ class PageServer:
         """Serve until Ctrl-C, or until the page has been gone for longer than `patience`.
 
         Args:
-            ready: Called with the address when pages can come.
+            ready: Called with the address as soon as pages can connect.
         """
         try:
             asyncio.run(self._serve(ready))
@@ -201,11 +201,11 @@ class PageServer:
 
     @property
     def page_size(self) -> int:
-        """Of the page [bytes]."""
+        """Size of the page [bytes]."""
         return len(self._page)
 
     def stop(self) -> None:
-        """End `serve`, from another thread."""
+        """End `serve`; this is called from another thread."""
         self._is_stopping = True
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # closed meanwhile
@@ -247,16 +247,16 @@ class PageServer:
                     return
         finally:
             server.close()
-            # Browsers open sockets in advance; the server would wait ten seconds for their request.
+            # Browsers open sockets in advance; the server would wait ten seconds for a request.
             self._loop.call_later(_LEAVE, abort)
             await server.wait_closed()
 
     async def _stays_away(self) -> bool:
-        """Whether the page that has gone is still away when patience ends."""
+        """Whether the page is still away when the time of `patience` is over."""
         while self._gone.is_set() and not self._is_stopping:
             self._gone.clear()
             with contextlib.suppress(asyncio.TimeoutError):
-                # Set once more: it came back and left again, so the wait begins anew.
+                # It is set again: the page came back and left once more, so the wait starts over.
                 await asyncio.wait_for(
                     self._gone.wait(), None if math.isinf(self._patience) else self._patience
                 )
@@ -265,7 +265,7 @@ class PageServer:
     # ---------------------------------------------------------------- requests
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page, a refusal, or None: the socket may open."""
+        """The page or a refusal; None lets the socket open."""
         if request.headers.get_all("Host") != [f"{HOST}:{self._port}"]:
             return connection.respond(HTTPStatus.FORBIDDEN, "another host\n")
         _, token, *rest = [*request.path.split("/"), ""]
@@ -352,7 +352,7 @@ class PageServer:
         return self._held is not None and self._slot is None and not self._is_coming
 
     def _take(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
-        """From the simulation's thread: a frame or a note for the page."""
+        """Take a frame or a note for the page from the simulation's thread."""
         loop = self._loop
         if loop is not None:
             self._is_coming |= isinstance(news, tuple)

@@ -1,4 +1,4 @@
-"""The bodies' time: steps them all under the same hand, never waits for the page."""
+"""Steps all bodies in real time under the same hand, and never waits for the page."""
 
 from __future__ import annotations
 
@@ -33,31 +33,31 @@ from palpate.validation.live.recording import (
 )
 
 FRAME = 1.0 / 60.0
-# Of all frames together [bytes/s].
+# The most that all frames together may take [bytes/s].
 MOST_RATE = 2.8e6
-# The tool crosses the body in a second at least, however fast the pointer.
+# The tool takes at least this time to cross the body, however fast the pointer moves [s].
 _SIDES_PER_SECOND = 1.0
-# Of the speed that vertices can follow, also where the tool goes back.
+# Fraction of the speed that vertices can follow, also where the tool retreats.
 _SPEED_SAFETY = 0.8 / RETREAT
-# Behind by more than this, the bodies' time does not catch up [s].
+# Simulated time that is late by more than this does not catch up [s].
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
 
-# Positions are stated so exactly [m].
+# The resolution to which positions are written [m].
 NANOMETRE = 1e-9
 
 Note = dict[str, Any]
 
 
 class Simulation(threading.Thread):
-    """Steps in real time, in a thread of its own, one more for each further pane.
+    """Steps in real time in a thread of its own, with another thread for each further pane.
 
     Args:
-        case: What is touched.
-        touch: How.
-        elements: Of the panes.
-        folder: For recordings.
-        wants_frame: Whether the page has room for one more.
+        case: The case that is touched.
+        touch: How it is touched.
+        elements: The elements of the panes.
+        folder: Where recordings go.
+        wants_frame: Whether the page can take one more frame.
         send: Takes a frame with its number, or a note, for the page; returns at once.
     """
 
@@ -94,16 +94,16 @@ class Simulation(threading.Thread):
         self._orders.put((message, received))
 
     def waiting(self) -> int:
-        """Orders that are not yet obeyed."""
+        """Number of orders that are not executed yet."""
         return self._orders.qsize()
 
     def seen(self, is_seen: bool) -> None:
-        """Whether there is a page: without one the bodies' time stands still."""
+        """Note whether there is a page: without one simulated time stands still."""
         self._is_seen = is_seen
         self._orders.put((None, 0.0))
 
     def end(self) -> None:
-        """Stop and wait for it."""
+        """Stop the thread, and wait until it has ended."""
         self._ending.set()
         self._orders.put((None, 0.0))
         if self.is_alive():
@@ -113,7 +113,7 @@ class Simulation(threading.Thread):
             self._judging.stop()
 
     def scene(self) -> Note:
-        """What the page needs before the first frame; lengths in mm."""
+        """What the page needs before the first frame; lengths are in mm."""
         live, milli = self.live, self._milli
         return {
             "kind": "scene",
@@ -162,7 +162,7 @@ class Simulation(threading.Thread):
         self._due = time.perf_counter()
 
     def run(self) -> None:
-        """The thread: orders, a tick, a frame, a rest."""
+        """Run the thread: orders, a tick, a frame, a pause, and again."""
         next_frame = 0.0
         while not self._ending.is_set():
             changed = self._take_orders(wait=self._is_still())
@@ -190,7 +190,7 @@ class Simulation(threading.Thread):
         return self._is_paused or not self._is_seen
 
     def _take_orders(self, *, wait: bool) -> bool:
-        """Whether there were any; waits for one where nothing else is to be done."""
+        """Execute orders; wait for one if `wait`. Return whether there were any."""
         changed = False
         try:
             while True:
@@ -231,7 +231,7 @@ class Simulation(threading.Thread):
                 self._end_recording()
 
     def _next_anchor(self, room: float) -> Floats | None:
-        """Where what is grabbed is pulled to [m]."""
+        """The next displacement of the grip's anchor [m]; None where nothing is grabbed."""
         if self._grip is None:
             return None
         position = self._grip.hand.next_position(room)
@@ -242,7 +242,7 @@ class Simulation(threading.Thread):
         return np.array(self._case.spec.units.place((position[0], position[1], position[2])))
 
     def _show(self) -> int:
-        """Send a frame; returns its size [bytes]."""
+        """Send a frame, and return its size [bytes]."""
         now = time.perf_counter()
         number, received = self._answered
         grip = self._grip
@@ -356,13 +356,13 @@ class Simulation(threading.Thread):
         self._say("judging: kept still until the bodies rest")
 
     def _settle(self, settling: Settling) -> None:
-        """Watch the bodies; forces are means of the last window or less."""
+        """Watch the bodies settle; forces are means over the last window or less."""
         if settling.note([pane.displacement for pane in self.panes]) and not settling.is_over:
             for pane in self.panes:
                 pane.mean_force()
 
     def _judge(self, settled: Settling) -> None:
-        """Once the bodies rest, or were waited for."""
+        """Judge the pose, once the bodies rest or the waiting time is over."""
         self._is_paused = True
         forces = [pane.mean_force() for pane in self.panes]
         try:

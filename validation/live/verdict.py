@@ -1,4 +1,4 @@
-"""A pose of the live page compared with the reference: a program of its own, in the background.
+"""Compares a pose of the live page with the reference, as a program in the background.
 
 python -m palpate.validation.live.verdict CASE.toml POSE.npz: the case is static, POSE holds each
 pane's displacement [m], the force on the hand [N], strain measure and element. Two questions, one
@@ -9,8 +9,8 @@ after the other:
 - `TRUTH`: is it what tissue does? Every pane against P2 under Green strain, also those that are
   stepped with linear strain.
 
-After each, notes for the page go to standard output, a line of JSON each: what is to be said of
-every pane, and the length of its error at the surface's points. Other lines are progress.
+After each question, notes for the page go to standard output, a line of JSON each: the report on
+every pane, and the length of its error at the surface points. Other lines report progress.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ _COLOUR = {
     SAME_MESH: "colour: distance from the reference on the same mesh",
     TRUTH: "colour: distance from the truth (P2, Green strain)",
 }
-# Of the reference's budget: it ends before the page's patience does [s].
+# Time budget of the reference: it ends before the page stops waiting [s].
 _SECONDS = 120.0
-# And its geometry part, of bodies that have one [s].
+# Time budget of the bar's geometry part, for bodies that have one [s].
 _OF_GEOMETRY = 40.0
 _RIGHT: tuple[dict[str, Any], ...] = (
     {
@@ -75,14 +75,14 @@ _RIGHT: tuple[dict[str, Any], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class PoseOfPane:
-    """What stands in a pane.
+    """The pose of the body in a pane.
 
     Attributes:
-        name: Of the pane.
-        strain: It is stepped with.
-        element: Likewise.
+        name: The name of the pane.
+        strain: The strain measure that it is stepped with.
+        element: The element that it is stepped with.
         displacement: [m], shape (num_points, 3).
-        force: Of the body on the hand [N], shape (3,).
+        force: Force of the body on the hand [N], shape (3,).
     """
 
     name: str
@@ -92,10 +92,10 @@ class PoseOfPane:
     force: Floats
 
     def state(self, problem: Problem, strain: Strain) -> State:
-        """As an answer for a strain measure.
+        """The pose as a candidate's solution for a strain measure.
 
         Raises:
-            CandidateFailedError: It is none.
+            CandidateFailedError: It is no usable solution.
         """
         about: dict[str, Any] = {"element": self.element.value}
         if problem.tools:
@@ -107,11 +107,11 @@ class PoseOfPane:
 
 @dataclass(frozen=True, eq=False)
 class PoseVerdict:
-    """To one of the questions.
+    """The verdict on one of the questions.
 
     Attributes:
-        reports: What is to be said of each pane: name, verdict, checks.
-        errors: At each point [m], NaN without a reference, shape (num_panes, num_points).
+        reports: The report on each pane: name, verdict, checks.
+        errors: Error's length at each point [m], NaN without a reference, (num_panes, num_points).
     """
 
     reports: list[dict[str, Any]]
@@ -119,7 +119,7 @@ class PoseVerdict:
 
 
 def read_pose(path: Path) -> list[PoseOfPane]:
-    """What `judging.write_pose` wrote beside the case."""
+    """Read what `recording.write_pose` wrote beside the case."""
     with np.load(path, allow_pickle=False) as given:
         rows = zip(
             given["names"],
@@ -135,7 +135,7 @@ def read_pose(path: Path) -> list[PoseOfPane]:
 def same_mesh_references(
     case: Case, panes: Sequence[PoseOfPane], progress: Progress
 ) -> ReferenceSet:
-    """The reference on the case's mesh for each strain measure and element of the panes."""
+    """Solve the reference on the case's mesh for each strain measure and element of the panes."""
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
     for pane in panes:
@@ -157,10 +157,10 @@ def same_mesh_references(
 def true_references(
     case: Case, panes: Sequence[PoseOfPane], known: ReferenceSet, progress: Progress
 ) -> ReferenceSet:
-    """The truth under Green strain, beside what is known; from the last pose under it.
+    """Solve the truth under Green strain from the last such pose; it joins the known references.
 
     Raises:
-        ReferenceFailedError: There is none, or one that the tool never touches.
+        ReferenceFailedError: There is none, or the tool never touches its body.
     """
     request = truth_request(case)
     start = [pane for pane in panes if pane.strain is Strain.GREEN][-1].displacement
@@ -192,10 +192,10 @@ def true_references(
 
 
 def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
-    """Bars of a truth on two meshes that tell no rate: its difference from P1 on the case's mesh.
+    """Bars of a truth on two meshes, which show no rate: its difference from P1 on the case's mesh.
 
-    As of P2 on that mesh alone (`references.statics`), which the truth is no worse than. Of three
-    meshes, or where a limit was lost, infinite stays infinite.
+    These are the bars of P2 on that mesh alone (`references.statics`), than which the truth is no
+    worse. With three meshes, or where a limit was lost, an infinite bar stays infinite.
     """
     record = found.provenance.get(ADAPTIVE, {}).get(Strain.GREEN.value)
     truth, linear = (found.states.get((of, Strain.GREEN)) for of in (GRADED, LINEAR))
@@ -212,7 +212,7 @@ def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
 def judge_panes(
     question: str, case: Case, panes: Sequence[PoseOfPane], references: ReferenceSet
 ) -> PoseVerdict:
-    """Hold the panes against the references of a question."""
+    """Compare the panes with the references of a question."""
     reports: list[dict[str, Any]] = []
     errors = np.full((len(panes), case.mesh.mesh.num_points), np.nan)
     for number, pane in enumerate(panes):
@@ -245,7 +245,7 @@ def _answer(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State |
 
 
 def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
-    """The case's own are of the truth."""
+    """The checks of a question; the case's own checks belong to the truth."""
     if question == TRUTH:
         return list(case.checks)
     has_tool = bool(case.problem.tools)
@@ -257,7 +257,7 @@ def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
 
 
 def say(path: Path, question: str, found: PoseVerdict, used: Indices) -> None:
-    """Print the notes of an answer: of each pane, and of the errors at the surface's points."""
+    """Print the notes of a verdict: on each pane, and on the errors at the surface points."""
     for pane in found.reports:
         text = f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {'; '.join(pane['checks'])}"
         print(json.dumps({"kind": "note", "text": text, "verdict": pane["verdict"]}))
@@ -279,7 +279,7 @@ def say(path: Path, question: str, found: PoseVerdict, used: Indices) -> None:
 
 
 def main(words: list[str]) -> int:
-    """See the module."""
+    """Run the program; see the module."""
     path, pose = map(Path, words)
 
     def progress(line: str) -> None:

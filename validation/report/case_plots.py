@@ -1,4 +1,4 @@
-"""Plots of one judged case: its checks, its error budget and its motion; also for a paper."""
+"""Plots of one judged case, for the page and for a paper: checks, error budget and motion."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _COLOUR = {
 
 
 def checks_svg(result: CaseResult) -> str:
-    """Each check's error, its bar and its limit on one logarithmic axis; "" without any."""
+    """Error, bar and limit of each check on one logarithmic axis, as SVG; "" without checks."""
     with plot_style():
         figure = checks_figure(result)
         return "" if figure is None else figure_svg(figure, "Errors, error bars and limits")
@@ -78,7 +78,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
 
 
 def budget_svg(budgets: list[Budget]) -> str:
-    """Bars of the terms, signed, in per cent of the truth; a tick marks the total."""
+    """The terms of error budgets as signed bars in per cent of the truth; a tick is the total."""
     if not budgets:
         return ""
     with plot_style():
@@ -86,7 +86,7 @@ def budget_svg(budgets: list[Budget]) -> str:
 
 
 def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Figure:
-    """The same as a figure, within a `plot_style`; one budget at least."""
+    """The same as a figure, within a `plot_style`; there is at least one budget."""
     colours = {MODEL: "#b5332e", DISCRETISATION: "#2f6f8f", TIME: "#c98a12"}
     labelled: set[str] = set()
     size = medium.row
@@ -144,7 +144,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     candidates = [s for s in moving if not s.is_reference]
     if not candidates:
         return None
-    # The truth, where there is one, says where to look.
+    # The truth, where there is one, decides which point is shown.
     leading = sorted(references, key=_is_on_mesh) or candidates
     assert leading[0].trajectory is not None
     point, axis = swinging_most(leading[0].trajectory)
@@ -153,7 +153,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     has_tools = bool(result.problem.tools)
     size, is_page = medium.row, medium is PAGE
     columns = 1 if not is_page else 4 if len(colours_of(result)) == 1 else 3
-    # In a column each entry of a legend has a line of its own.
+    # In a column each entry of a legend takes a line of its own.
     extra = 0 if is_page else len(moving)
     high = (4.6 + 1.9 * has_tools + 0.2 * extra) * size
     figure, panels = pyplot.subplots(
@@ -174,7 +174,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
         above.plot(*_path(state, point, axis), **style, label=name)
         if has_tools:
             _draw_forces(panels[2], state, name, style)
-    # Of several candidates the truth's distances, which rounding errors would flatten.
+    # With several candidates, distances from the truth: rounding errors would flatten them.
     true = [pair for pair in compared if not _is_on_mesh(pair[1])] if len(colours) > 1 else []
     for candidate, reference in true or compared:
         _draw_error(below, candidate, reference, point, colours)
@@ -186,7 +186,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     panels[-1].set_xlabel(f"time [s]{'; ' if is_page else chr(10)}at ({place}) mm along ({along})")
     for axes in panels:
         tidy(axes)
-        # Lines of forces look as those of displacement: in a column the first legend tells them.
+        # Lines of forces look like those of displacement: in a column one legend serves both.
         is_known_above = not is_page and axes is not above and axes is not below
         if axes.get_legend_handles_labels()[0] and not is_known_above:
             axes.legend(
@@ -198,17 +198,17 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
 
 
 def _is_on_mesh(reference: State) -> bool:
-    """Whether a reference is that of the same mesh and steps, not the truth."""
+    """Whether a reference has the candidate's mesh and steps, and is not the truth."""
     return reference.degree == 1
 
 
 def _style(
     state: State, colours: Mapping[str, str], compared: Sequence[tuple[State, State]]
 ) -> dict[str, Any]:
-    """Of a state's line: a candidate has its colour, with linear strain one of its own if alone.
+    """The style of a state's line.
 
-    The truth is black; the reference on the same mesh is broad and grey, or, where there are
-    several, of the colour of its candidate.
+    A candidate has its own colour, another one if it is alone and has linear strain. The truth is
+    black; the reference on the same mesh is broad and grey, or has its candidate's colour if many.
     """
     if state.is_reference and not _is_on_mesh(state):
         return {"color": "black", "lw": 1.6}
@@ -223,7 +223,7 @@ def _style(
 
 
 def _draw_forces(axes: mpl.axes.Axes, state: State, name: str, style: Mapping[str, Any]) -> None:
-    """Size of the mean force on each tool from output to output."""
+    """Draw the magnitude of the mean force on each tool from output to output."""
     forces = state.tool_forces
     if state.trajectory is None or forces is None or forces.ndim != 3:
         return
@@ -258,17 +258,17 @@ def write_figures(
     """Write every figure of a report as NAME-WHAT.pdf or .svg.
 
     Plots of checks, budgets and motions are 88 mm wide, a column; pictures of the body in several
-    panels 180 mm, two. Bodies of more than 20 000 facets are pixels within the figure. Files are
-    the same for the same results.
+    panels 180 mm, two. Bodies of more than 20 000 facets are pixels within the figure. The same
+    results give the same files.
 
     Args:
         result: A judged case.
-        folder: That exists.
-        form: Of the files.
-        budgets: Of the candidates' errors, where they are known.
+        folder: An existing folder.
+        form: The form of the files.
+        budgets: Error budgets of the candidates, where they are known.
 
     Returns:
-        The files, without those for which the case has nothing to show.
+        The files that were written; there is none where the case has nothing to show.
     """
     made = []
     with plot_style(COLUMN):

@@ -1,4 +1,4 @@
-"""Which candidate is shown beside which reference, and from where a body is first seen."""
+"""Which candidate is shown beside which reference, and the first direction of view."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from palpate.validation.report.plots import BLUE, GREEN, OCHRE, PURPLE, RED
 from palpate.validation.states import State
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
-# Of candidates beside one another: linear tetrahedra red, smoothed ones blue, as in the studies.
+# Colours of candidates: linear tetrahedra are red, smoothed ones blue, as in the studies.
 _BESIDE = (RED, BLUE, PURPLE, GREEN, OCHRE)
-# Least end of a scale of errors, in parts of the body's diagonal.
+# Smallest upper end of a scale of errors, as a fraction of the body's diagonal.
 _LEAST_TOP = 1e-8
 
 
@@ -28,10 +28,10 @@ class Comparison:
     """Candidates and what they are compared with.
 
     Attributes:
-        strain: Of all of them.
+        strain: Strain measure of all of them.
         pairs: Each candidate's and its reference's number among the states of the result.
-        is_truth: Whether the reference has elements of a higher degree, one for all candidates;
-            else each candidate has that of its own tetrahedra on the same mesh.
+        is_truth: Whether the reference has elements of a higher degree, and serves all candidates;
+            otherwise each candidate has the reference of its own tetrahedra on the same mesh.
     """
 
     strain: Strain
@@ -40,11 +40,11 @@ class Comparison:
 
     @property
     def references(self) -> list[int]:
-        """Their numbers, each once."""
+        """Numbers of the references, each once."""
         return list(dict.fromkeys(reference for _, reference in self.pairs))
 
     def name(self, states: Sequence[State]) -> str:
-        """For a list to choose from."""
+        """The name of the comparison in a list to choose from."""
         strain = STRAIN_NAMES[self.strain]
         parts = [(states[one].label, states[other].label) for one, other in self.pairs]
         if len(parts) == 1:
@@ -55,9 +55,9 @@ class Comparison:
 
 
 def comparisons_of(result: CaseResult) -> list[Comparison]:
-    """Every candidate with its own same mesh and with each truth.
+    """Every candidate beside its own reference on the same mesh, and beside each truth.
 
-    A truth comes first, Green strain's where there is one; then Green strain before linear.
+    A truth comes first, that of Green strain if there is one; then Green strain before linear.
     """
     states = result.states
     found: dict[tuple[Strain, str], list[tuple[int, int]]] = {}
@@ -91,13 +91,13 @@ def comparisons_of(result: CaseResult) -> list[Comparison]:
 
 
 def error_top(result: CaseResult, largest: float) -> float:
-    """Where a scale of errors ends, in the unit of the largest: not below 1e-8 of the body's size.
+    """The upper end of a scale of errors, in the unit of the largest, >= 1e-8 of the body's size.
 
-    Else rounding errors would be painted like wrong answers.
+    Below that, rounding errors would be painted like wrong solutions.
 
     Args:
-        result: With the mesh.
-        largest: Error that is shown [m].
+        result: The judged case, with its mesh.
+        largest: Largest error that is shown [m].
     """
     size = float(np.linalg.norm(np.ptp(result.problem.mesh.points, axis=0)))
     return max(largest, _LEAST_TOP * size)
@@ -111,18 +111,18 @@ def colours_of(result: CaseResult) -> dict[str, str]:
     return {label: _BESIDE[k % len(_BESIDE)] for k, label in enumerate(labels)}
 
 
-# Level and turn of the eye [degrees], none along an axis of the case.
+# Elevation and azimuth of the eye [degrees], none along an axis of the case.
 _PITCHES = (18.0, 35.0, -18.0)
 _YAWS = tuple(range(-160, 180, 20))
 _AXES_APART = 10
-# What stands before the largest error, and how far beside it counts, in parts of the size.
+# Distance in front of the largest error, and beside it, that counts, as fractions of the size.
 _BEFORE, _NEXT_TO = 0.03, 0.04
-# A look from below has to show this much more.
+# A view from below has to score this much more.
 _BELOW = 0.25
 
 
 def first_eye(result: CaseResult) -> tuple[float, float]:
-    """Turn and level of the eye [rad] from which a case is first seen, on pages and in pictures."""
+    """Azimuth and elevation of the first view of a case [rad], on pages and in pictures."""
     mesh, compared = result.problem.mesh, comparisons_of(result)
     seen = _worst_errors(result, compared[0]) if compared else np.zeros(mesh.num_points)
     first = result.states[0] if result.states else None
@@ -139,15 +139,15 @@ def _worst_errors(result: CaseResult, compared: Comparison) -> Floats:
 
 
 def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[float, float]:
-    """Turn and level of the eye [rad]: at 0 and 0 it looks along y, from below 0, z up.
+    """Azimuth and elevation of the eye [rad]: at 0 and 0 it looks along y, from below 0, z up.
 
-    Every direction of a grid gets marks for how much of the error it sees, whether the largest
-    faces it and nothing hides that, and how broad the body is from there; the best is taken.
+    Every direction of a grid is scored by how much of the error it shows, whether the largest error
+    faces it and is not hidden, and how broad the body looks from there; the best one is returned.
 
     Args:
-        points: (n, 3).
-        facets: Of the boundary, counted outwards, (m, 3).
-        errors: Length at each point, (n,); without any only the breadth counts.
+        points: Points of the body, (n, 3).
+        facets: Boundary facets, oriented outwards, (m, 3).
+        errors: Length of the error at each point, (n,); if all are zero, only the breadth counts.
     """
     areas = area_vectors(points, facets)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
