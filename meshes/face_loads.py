@@ -17,6 +17,7 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.triangles import facet_areas, facet_normals
 
 # Values that are this near to an affine field, of their largest, are one.
 _AFFINE = 1e-9
@@ -169,7 +170,7 @@ def hydrostatic_traction(
     if not (np.isfinite(g).all() and np.isfinite(level).all() and g.any()):
         raise InputError("a hydrostatic traction needs gravity and a place on the free surface")
     corners = mesh.points[np.asarray(facets)]
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = facet_normals(corners)
     normals = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
     mean = doubled.sum(axis=0)
     mean /= np.linalg.norm(mean) or 1.0
@@ -227,8 +228,7 @@ def moment_traction(
     corners = mesh.points[np.asarray(facets)]
     if M.shape != (3,) or not np.isfinite(M).all() or not len(corners):
         raise InputError("a moment load needs three finite numbers [N m] and a face to act on")
-    sides = corners[:, 1:] - corners[:, :1]
-    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    areas = facet_areas(corners)
     centre = np.average(corners.mean(axis=1), axis=0, weights=areas)
     # Middles of edges integrate quadratics exactly.
     r = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre

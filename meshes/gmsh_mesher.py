@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import MeshError
-from palpate.meshes.facet_topology import Integers, edge_uses
 from palpate.meshes.shells import Shell, ShellKind, find_shells
 from palpate.meshes.supervised import run_supervised
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
+from palpate.meshes.triangles import Integers, edge_uses
 
 
 class MesherFailedError(MeshError):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import CELL_FACETS, EDGES, TetMesh, signed_volumes
+from palpate.meshes.triangles import facet_normals
 
-_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # The two facets that meet at each edge lie opposite the two other corners.
 _OPPOSITE = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])
 
@@ -20,8 +20,7 @@ def dihedral_angles(points: Points, cells: Indices) -> Floats:
     A regular tetrahedron has arccos(1/3) = 70.53 degrees everywhere.
     """
     corners = points[cells]
-    facets = corners[:, CELL_FACETS]
-    normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])
+    normals = facet_normals(corners[:, CELL_FACETS])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     pair = normals[:, _OPPOSITE]
     cosine = -np.einsum("ijk,ijk->ij", pair[:, :, 0], pair[:, :, 1])
@@ -31,7 +30,7 @@ def dihedral_angles(points: Points, cells: Indices) -> Floats:
 
 def edge_lengths(points: Points, cells: Indices) -> Floats:
     """Lengths of the six edges of each cell [m], shape (num_cells, 6)."""
-    ends = points[cells[:, _EDGES]]
+    ends = points[cells[:, EDGES]]
     lengths: Floats = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     return lengths
 

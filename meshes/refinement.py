@@ -14,10 +14,8 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tet_mesh import EDGES, TetMesh
 
-# Local corners of the edges of a cell.
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # The octahedron left inside is cut along one of three diagonals, given as the midpoints of
 # opposite edges; around it the four other midpoints in turn.
 _DIAGONALS = (

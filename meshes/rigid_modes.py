@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.triangles import Integers, connected_parts
 
 
 class UnsupportedBodyError(InputError):
@@ -27,20 +27,10 @@ class UnsupportedBodyError(InputError):
         )
 
 
-def connected_parts(mesh: TetMesh) -> NDArray[np.int64]:
-    """Label of the connected part of each point, shape (num_points,), from 0."""
-    label = np.arange(mesh.num_points)
-    while True:
-        smallest = label[mesh.cells].min(axis=1)
-        lowered = label.copy()
-        for corner in range(4):
-            np.minimum.at(lowered, mesh.cells[:, corner], smallest)
-        lowered = lowered[lowered]
-        if np.array_equal(lowered, label):
-            break
-        label = lowered
-    labels: NDArray[np.int64] = np.unique(label, return_inverse=True)[1].reshape(-1)
-    return labels
+def parts_of_mesh(mesh: TetMesh) -> Integers:
+    """Number of the connected part of each point, shape (num_points,), from 0."""
+    pairs = mesh.cells[:, [0, 1, 1, 2, 2, 3]].reshape(-1, 2).astype(np.int64)
+    return connected_parts(mesh.num_points, pairs)
 
 
 def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
@@ -49,7 +39,7 @@ def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
     The rank of the held components of the six rigid modes, with lengths scaled by the part's
     size; singular values below 1e-8 of the largest count as zero.
     """
-    labels = connected_parts(mesh)
+    labels = parts_of_mesh(mesh)
     free = []
     for part in range(int(labels.max()) + 1):
         inside = labels == part

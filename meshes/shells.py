@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.facet_topology import EdgeUses, facet_parts
 from palpate.meshes.tri_surface import OrientationError, TriSurface
+from palpate.meshes.triangles import EdgeUses, facet_parts
 
 # Facets times points per block: bounds the memory of the solid angles to some 50 MB.
 _BLOCK = 500_000

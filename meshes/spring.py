@@ -24,6 +24,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.triangles import facet_areas, facet_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +164,8 @@ class Spring:
             InputError: No corner lies within the radius.
         """
         corners = points[self.facets]
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        areas = 0.5 * np.linalg.norm(np.cross(first, second), axis=1)
         weights = self.weights(corners)
-        whole = float(areas @ weights.mean(axis=1))
+        whole = float(facet_areas(corners) @ weights.mean(axis=1))
         if not whole > 0.0:
             raise InputError(
                 f"radius = {self.radius:g} m of a spring about {_told(self.center)} m: no point of "
@@ -231,7 +230,7 @@ def _distances(corners: Points, place: Floats) -> Floats:
         part = np.einsum("ij,ij->i", place - start, along) / np.einsum("ij,ij->i", along, along)
         foot = start + np.clip(part, 0.0, 1.0)[:, None] * along
         nearest = np.minimum(nearest, np.linalg.norm(place - foot, axis=1))
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = facet_normals(corners)
     size = np.linalg.norm(normal, axis=1)
     height = np.einsum("ij,ij->i", place - corners[:, 0], normal) / size
     foot = place - (height / size)[:, None] * normal

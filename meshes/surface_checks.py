@@ -7,14 +7,6 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.facet_topology import (
-    EdgeUses,
-    Integers,
-    edge_uses,
-    facet_parts,
-    parts_by_plain_edges,
-    points_with_several_fans,
-)
 from palpate.meshes.shells import Shell, require_nested
 from palpate.meshes.tri_surface import (
     DegenerateFacetError,
@@ -26,6 +18,14 @@ from palpate.meshes.tri_surface import (
     OrientationError,
     SurfaceError,
     TriSurface,
+)
+from palpate.meshes.triangles import (
+    EdgeUses,
+    Integers,
+    edge_uses,
+    facet_parts,
+    parts_by_plain_edges,
+    points_with_several_fans,
 )
 
 # A fin has at most this part of the area: a larger sheet may be what was meant.
@@ -105,8 +105,8 @@ def _refuse_degenerate(surface: TriSurface) -> None:
 
 def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]:
     """Facets of small sheets that are free at one edge and share another with two facets."""
-    crowd = table.counts[table.edge]
-    patch = parts_by_plain_edges(table.edge, table.owner, crowd, surface.num_facets)
+    crowd = table.crowd
+    patch = parts_by_plain_edges(table)
     touches = np.bincount(patch[table.owner], crowd > 2) > 0
     is_free = np.bincount(patch[table.owner], crowd == 1) > 0
     area = np.bincount(patch, np.linalg.norm(surface.area_vectors, axis=1))
@@ -119,7 +119,7 @@ def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]
 
 def _check_edges(surface: TriSurface, table: EdgeUses) -> None:
     """Every edge has two facets, which run along it in opposite directions."""
-    uses = table.counts[table.edge]
+    uses = table.crowd
     if np.any(uses == 1):
         guilty = uses == 1
         fin, count = _fins(surface, table)

@@ -16,6 +16,8 @@ from palpate.meshes.tri_surface import TriSurface
 
 # Facet k of a positive cell lies opposite its vertex k; seen from outside, counter-clockwise.
 CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.int32)
+# Local corners of the six edges of a cell.
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 # Cells at once: so few numbers stay in the processor's cache.
 _BLOCK = 4096

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
 from palpate.meshes.errors import MeshError, first_of
+from palpate.meshes.triangles import facet_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +47,7 @@ class TriSurface:
     @cached_property
     def area_vectors(self) -> Points:
         """Half the cross product of two edges of each facet [m2], shape (num_facets, 3)."""
-        a, b, c = (self.points[self.facets[:, k]] for k in range(3))
-        vectors: Points = 0.5 * np.cross(b - a, c - a)
-        return vectors
+        return 0.5 * facet_normals(self.points[self.facets])
 
     @cached_property
     def area(self) -> float:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError, InvertedCellError
-from palpate.meshes.refinement import EDGES, refine_uniformly
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.refinement import refine_uniformly
+from palpate.meshes.tet_mesh import EDGES, TetMesh
+from palpate.meshes.triangles import facet_normals, normals_at_points
 
 Projection = Callable[[Points], Points]
 Mask = NDArray[np.bool_]
@@ -61,7 +62,7 @@ def upright_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
         radii: Of its mantles [m]; each facet belongs to the nearest.
     """
     corners = mesh.points[mesh.boundary_facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = facet_normals(corners)
     is_mantle = np.abs(normals[:, 2]) < _UPRIGHT * np.linalg.norm(normals, axis=1)
     lengths = np.linalg.norm(corners[..., :2], axis=2).mean(axis=1)
 
@@ -129,10 +130,7 @@ def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
         InputError: A cell would be turned inside out.
     """
     facets = mesh.boundary_facets
-    corners = mesh.points[facets]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(mesh.points)
-    np.add.at(normals, facets, vectors[:, None, :])
+    normals = normals_at_points(mesh.points, facets)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     moved = mesh.points + distance * normals / np.where(lengths > 0.0, lengths, 1.0)
     return _moved(mesh, moved, dict(mesh.facet_groups), np.ones(mesh.num_points, dtype=np.bool_))
@@ -189,8 +187,7 @@ def _followed(mesh: TetMesh, points: Points, is_placed: Mask) -> Points:
 
 def _are_flat(mesh: TetMesh) -> Mask:
     """Points of the boundary about which its facets lie in one plane."""
-    corners = mesh.points[mesh.boundary_facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = facet_normals(mesh.points[mesh.boundary_facets])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sums = np.zeros_like(mesh.points)
     np.add.at(sums, mesh.boundary_facets, normals[:, None, :])

@@ -32,7 +32,7 @@ from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_modes import connected_parts
+from palpate.meshes.rigid_modes import parts_of_mesh
 from palpate.meshes.tet_mesh import TetMesh
 
 # Largest omega^2 over k A / m: up to two vertices press on a cell at a time.
@@ -91,7 +91,7 @@ class BodyContact:
             np.ascontiguousarray(mesh.cells),
             self._vertices,
             np.ascontiguousarray(mesh.boundary_facets),
-            connected_parts(mesh).astype(np.int32),
+            parts_of_mesh(mesh).astype(np.int32),
             self.stiffness * self._areas,
             chosen_instruction_set(),
         )
@@ -103,7 +103,7 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
     vertices, first = np.unique(found.vertices, return_index=True)
     cells = mesh.cells[found.cells[first]]
     places = (found.weights[first][:, :, None] * mesh.points[cells]).sum(axis=1)
-    part, depths = connected_parts(mesh), np.zeros(len(vertices))
+    part, depths = parts_of_mesh(mesh), np.zeros(len(vertices))
     for number in np.unique(part[cells[:, 0]]):
         facets = mesh.boundary_facets[part[mesh.boundary_facets[:, 0]] == number]
         surface = _core.SurfaceDistance(np.array(mesh.points), np.ascontiguousarray(facets))

@@ -22,12 +22,12 @@ from palpate.fastsim.mending.patch_attempts import (
 )
 from palpate.fastsim.surface_remesher import mean_edge_length
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import connected_parts
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.repair.patches import grow
 from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import OpenSurfaceError, SurfaceError, TriSurface
+from palpate.meshes.triangles import connected_parts
 
 # How far the surface may move where nothing is said, of its mean edge: the detail that it resolves.
 _EDGES = 2.0

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.facet_topology import edge_uses
 from palpate.meshes.repair.hole_filling import cap_loop
 from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
+from palpate.meshes.triangles import edge_uses
 
 Mask = NDArray[np.bool_]
 # Rings around the facets that cross: a fold is a few facets wide.

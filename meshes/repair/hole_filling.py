@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.facet_topology import edge_uses
 from palpate.meshes.repair.patches import edges_of, fair_points
 from palpate.meshes.repair.sheets import Fits
+from palpate.meshes.triangles import edge_uses, facet_areas, facet_normals
 
 
 def find_hole_loops(facets: Indices) -> list[list[int]]:
@@ -230,9 +230,7 @@ def _has_turned(before: Points, after: Points, facets: Indices) -> bool:
     """Whether smoothing has turned a facet over, or made one flat."""
 
     def normals(points: Points) -> Points:
-        corners = points[facets]
-        found: Points = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return found
+        return facet_normals(points[facets])
 
     return bool(np.any(np.einsum("ij,ij->i", normals(before), normals(after)) <= 0.0))
 
@@ -390,6 +388,4 @@ def _band(
 def _area(points: Points, rows: Indices | None) -> float:
     if rows is None:
         return np.inf
-    corners = points[rows]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+    return float(facet_areas(points[rows]).sum())

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.facet_topology import connected_parts, edge_uses, facet_parts
+from palpate.meshes.triangles import connected_parts, edge_uses, facet_parts
 
 Mask = NDArray[np.bool_]
 # What rings enclose is taken in where it has at most this many times the facets of the rings:
@@ -29,15 +29,13 @@ def with_enclosed(facets: Indices, chosen: Mask) -> Mask:
     What reaches an open rim is no island: the surface may go on there.
     """
     uses = edge_uses(facets)
-    order = np.argsort(uses.edge, kind="stable")
-    edge, owner = uses.edge[order], uses.owner[order]
-    pairs = np.column_stack([owner[:-1], owner[1:]])[edge[1:] == edge[:-1]]
+    pairs = uses.neighbours
     shell = connected_parts(len(facets), pairs)
     apart = chosen[pairs[:, 0]] == chosen[pairs[:, 1]]
     part = connected_parts(len(facets), pairs[apart])
     sizes = np.bincount(part)
     is_rim = np.zeros(len(sizes), dtype=bool)
-    is_rim[part[uses.owner[uses.counts[uses.edge] == 1]]] = True
+    is_rim[part[uses.owner[uses.crowd == 1]]] = True
     taken = chosen.copy()
     for number in np.unique(shell[chosen]):
         of_shell = shell == number

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import Integers, edge_uses
 from palpate.meshes.surface_checks import NEAR, find_near_duplicates
+from palpate.meshes.triangles import Integers, edge_uses, facet_normals, side_lengths
 
 # Points on rims are one where they are this near to each other, of the shortest edge at either.
 _WELD = 0.01
@@ -63,7 +63,7 @@ def cut_at_hanging_points(
     kept, count = np.arange(len(facets)), 0
     for _ in range(_MOST_PASSES):
         uses = edge_uses(facets)
-        sides = np.flatnonzero(uses.counts[uses.edge] == 1)
+        sides = np.flatnonzero(uses.crowd == 1)
         # One side of each facet at a time.
         through = _points_within(points, uses.directed[sides], reach)
         first: dict[int, tuple[int, list[int]]] = {}
@@ -136,10 +136,8 @@ def flip_flat_facets(points: Points, facets: Indices) -> tuple[Indices, int]:
 
 def _flip_once(points: Points, facets: Indices) -> int:
     corners = points[facets]
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    sides = side_lengths(corners)
+    area = np.linalg.norm(facet_normals(corners), axis=1)
     flat = np.flatnonzero(area <= _FLAT * sides.max(axis=1) ** 2)
     if not len(flat):
         return 0
@@ -170,8 +168,5 @@ def _flip_once(points: Points, facets: Indices) -> int:
 def _smallest(points: Points, facets: list[tuple[int, int, int]]) -> float:
     """Smallest area over longest edge squared."""
     corners = points[np.array(facets)]
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    return float((area / sides**2).min())
+    area = np.linalg.norm(facet_normals(corners), axis=1)
+    return float((area / side_lengths(corners).max(axis=1) ** 2).min())

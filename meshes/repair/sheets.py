@@ -9,8 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import connected_parts, edge_uses, parts_by_plain_edges
 from palpate.meshes.surface_checks import LARGEST_FIN
+from palpate.meshes.triangles import (
+    connected_parts,
+    edge_uses,
+    facet_normals,
+    facet_parts,
+    normals_at_points,
+    parts_by_plain_edges,
+    side_lengths,
+)
 
 # How far copies of a point are moved from where sheets touched, of the shortest edge there.
 _GAP = 0.05
@@ -30,16 +38,13 @@ def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDAr
     Returns:
         Whether each facet is part of a fin or wall, or of a loose part too small to close.
     """
-    corners = points[facets]
-    areas = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    areas = np.linalg.norm(facet_normals(points[facets]), axis=1)
     is_fin = np.zeros(len(facets), dtype=bool)
     while True:
         rows = np.flatnonzero(~is_fin)
         uses = edge_uses(facets[rows])
-        crowd = uses.counts[uses.edge]
-        patch = parts_by_plain_edges(uses.edge, uses.owner, crowd, len(rows))
+        crowd = uses.crowd
+        patch = parts_by_plain_edges(uses)
         touches = np.bincount(patch[uses.owner], crowd > 2) > 0
         is_free = np.bincount(patch[uses.owner], crowd == 1) > 0
         weight = np.bincount(patch, areas[rows])
@@ -50,11 +55,7 @@ def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDAr
             break
         is_fin[rows[patch == candidates[np.argmin(weight[candidates])]]] = True
     rows = np.flatnonzero(~is_fin)
-    uses = edge_uses(facets[rows])
-    order = np.argsort(uses.edge, kind="stable")
-    same = uses.edge[order][1:] == uses.edge[order][:-1]
-    links = np.column_stack([uses.owner[order][:-1], uses.owner[order][1:]])[same]
-    part = connected_parts(len(rows), links)
+    part = facet_parts(facets[rows])
     sizes = np.bincount(part)
     if (sizes >= _FEWEST_FACETS).any():
         is_fin[rows[sizes[part] < _FEWEST_FACETS]] = True
@@ -86,7 +87,7 @@ def split_touching(
     pair = np.unique(np.column_stack([corner, fan]), axis=0)
     # A fan that ends at a rim stays: its hole is closed later.
     uses = edge_uses(facets)
-    rim = uses.directed[uses.counts[uses.edge] == 1]
+    rim = uses.directed[uses.crowd == 1]
     several = np.flatnonzero(np.bincount(pair[:, 0], minlength=len(points)) > 1)
     several = np.setdiff1d(several, rim)
     if not len(several):
@@ -117,12 +118,10 @@ def split_touching(
 def _joined_corners(points: Points, facets: Indices) -> NDArray[np.int64] | None:
     """Pairs of corners (3 facet + k) of one point whose facets belong together across an edge."""
     uses = edge_uses(facets)
-    order = np.argsort(uses.edge, kind="stable")
-    order_two = order[uses.counts[uses.edge[order]] == 2].reshape(-1, 2)
-    sides = [order_two]
-    patch = parts_by_plain_edges(uses.edge, uses.owner, uses.counts[uses.edge], len(facets))
+    sides = [uses.plain_pairs]
+    patch = parts_by_plain_edges(uses)
     by_edge = defaultdict(list)
-    for side in order[uses.counts[uses.edge[order]] > 2].tolist():
+    for side in uses.by_edge[uses.crowd[uses.by_edge] > 2].tolist():
         by_edge[int(uses.edge[side])].append(side)
     for around in by_edge.values():
         pairs = _wedges(points, facets, uses.directed, np.array(around), patch[uses.owner[around]])
@@ -171,12 +170,9 @@ def _normals_and_edges(
     points: Points, facets: Indices, chosen: NDArray[np.int64]
 ) -> tuple[Points, NDArray[np.float64]]:
     """Mean normals of points, and the shortest edge at each [m]."""
-    corners = points[facets]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(points)
-    np.add.at(total, facets.reshape(-1), np.repeat(vectors, 3, axis=0))
+    total = normals_at_points(points, facets)
     shortest = np.full(len(points), np.inf)
-    lengths = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2)
+    lengths = side_lengths(points[facets])
     np.minimum.at(shortest, facets, lengths)
     np.minimum.at(shortest, facets[:, [1, 2, 0]], lengths)
     size = np.linalg.norm(total[chosen], axis=1, keepdims=True)
@@ -201,10 +197,10 @@ def double_walls(points: Points, facets: Indices) -> NDArray[np.bool_]:
     """
     gone = np.zeros(len(facets), dtype=bool)
     uses = edge_uses(facets)
-    crowd = uses.counts[uses.edge]
+    crowd = uses.crowd
     if not np.any(crowd > 2):
         return gone
-    patch = parts_by_plain_edges(uses.edge, uses.owner, crowd, len(facets))
+    patch = parts_by_plain_edges(uses)
     is_rim = crowd != 2
     is_free = np.bincount(patch[uses.owner], crowd == 1) > 0
     rims: dict[int, dict[int, bool]] = {}
@@ -266,7 +262,7 @@ def _is_flat(points: Points, one: Indices, other: Indices, faces: bool) -> bool:
 
 def _moments(corners: Points) -> tuple[float, float, Points, Points]:
     """Area, volume to the origin, and the area's first and second moments of triangles."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = facet_normals(corners)
     areas = 0.5 * np.linalg.norm(normals, axis=1)
     centres = corners.mean(axis=1)
     volume = float(np.einsum("ij,ij->", centres, normals)) / 6.0

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import connected_parts, edge_uses
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.hole_filling import close_holes
 from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
@@ -23,6 +22,7 @@ from palpate.meshes.tri_surface import (
     OrientationError,
     TriSurface,
 )
+from palpate.meshes.triangles import connected_parts, edge_uses
 
 
 @dataclass
@@ -176,7 +176,7 @@ def repair_surface(
 def _refuse_crowded_edges(points: Points, facets: Indices, report: RepairReport) -> None:
     uses = edge_uses(facets)
     if np.any(uses.counts > 2):
-        guilty = np.unique(uses.owner[uses.counts[uses.edge] > 2])
+        guilty = np.unique(uses.owner[uses.crowd > 2])
         edges = uses.edges[uses.counts > 2]
         error = NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
         error.surface, error.done = TriSurface(points, facets), report.lines()
@@ -222,9 +222,8 @@ def _merge_points(
 def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
     """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
     uses = edge_uses(facets)
-    order = np.argsort(uses.edge, kind="stable")
     # Across an edge with more than two, which belong together is not known yet.
-    first, second = order[uses.counts[uses.edge[order]] == 2].reshape(-1, 2).T
+    first, second = uses.plain_pairs.T
     disagree = uses.directed[first, 0] == uses.directed[second, 0]
     beside: list[list[tuple[int, bool]]] = [[] for _ in facets]
     for f, g, d in zip(

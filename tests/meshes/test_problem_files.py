@@ -24,8 +24,8 @@ from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.problem_files import load_problem, problem_arrays, save_problem
 from palpate.meshes.rigid_modes import (
     UnsupportedBodyError,
-    connected_parts,
     free_rigid_modes,
+    parts_of_mesh,
     require_supported,
 )
 from palpate.meshes.rigid_tool import (
@@ -195,7 +195,7 @@ def test_free_rigid_motions_are_counted(supports: list[Support], free: int) -> N
 
 def test_a_floating_part_is_found_beside_a_held_one() -> None:
     mesh = TetMesh(np.vstack([POINTS, POINTS + 5.0]), [[0, 1, 2, 3], [4, 5, 6, 7]])
-    assert connected_parts(mesh).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert parts_of_mesh(mesh).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     with pytest.raises(UnsupportedBodyError, match="part 1 of 2") as caught:
         require_supported(Problem(mesh, PROBLEM.material, (_hold([0, 1, 2]),), ()))
     assert caught.value.num_free_modes == 6

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import EDGES, TetMesh, signed_volumes
 from palpate.validation.metrics.laws import (
     OgdenTerms,
     energy_density,
@@ -37,7 +37,6 @@ from palpate.validation.metrics.laws import (
 )
 
 Array = NDArray[np.float64]
-_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
 class Smoothing:
@@ -56,7 +55,7 @@ class Smoothing:
         self._volumes = signed_volumes(mesh.points, mesh.cells)
         _, kind = np.unique(np.column_stack([lmbda, mu, self._c01]), axis=0, return_inverse=True)
         kind = kind.reshape(-1, 1).astype(np.int64)
-        ends = np.sort(mesh.cells[:, _EDGES].astype(np.int64), axis=2)
+        ends = np.sort(mesh.cells[:, EDGES].astype(np.int64), axis=2)
         edges = ends[:, :, 0] * mesh.num_points + ends[:, :, 1]
         self._edges = _numbered(edges * (int(kind.max()) + 1) + kind)
         self._nodes = _numbered(mesh.cells.astype(np.int64) * (int(kind.max()) + 1) + kind)

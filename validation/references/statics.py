@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.refinement import EDGES
+from palpate.meshes.tet_mesh import EDGES
 from palpate.reference.errors import (
     ReferenceFailedError,
     ReferenceNotConvergedError,

@@ -19,7 +19,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
-from palpate.meshes.rigid_modes import connected_parts
+from palpate.meshes.rigid_modes import parts_of_mesh
 from palpate.meshes.tet_mesh import TetMesh
 
 MakeBox = Callable[..., TetMesh]
@@ -47,7 +47,7 @@ def folded_bar(make_box: MakeBox) -> TetMesh:
 
 
 def test_parts(make_box: MakeBox) -> None:
-    labels = connected_parts(two_bodies(make_box, 0.1))
+    labels = parts_of_mesh(two_bodies(make_box, 0.1))
     # The first point of the part that each point is of.
     part = np.unique(labels, return_index=True)[1][labels]
     assert np.array_equal(part, np.repeat([0, 125], [125, 216]))
@@ -110,7 +110,7 @@ def test_two_bodies_bounce(
 ) -> None:
     mesh = two_bodies(make_box, 0.01)
     speed = np.zeros_like(mesh.points)
-    upper = connected_parts(mesh) != 0
+    upper = parts_of_mesh(mesh) != 0
     speed[upper, 2] = -fast
     problem = Problem(mesh, SOFT, (), (), TimeSpan(0.4 / fast, num_outputs=20))
     run = simulate(

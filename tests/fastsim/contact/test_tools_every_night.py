@@ -30,7 +30,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.meshes.rigid_modes import connected_parts
+from palpate.meshes.rigid_modes import parts_of_mesh
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.studies.closed_forms import contact_radius
@@ -258,7 +258,7 @@ def test_two_cubes_that_collide_keep_momentum_and_energy() -> None:
         np.vstack([low.cells, high.cells + low.num_points]).astype(np.int32),
     )
     speed = np.zeros_like(mesh.points)
-    speed[connected_parts(mesh) != 0, 2] = -1.0
+    speed[parts_of_mesh(mesh) != 0, 2] = -1.0
     problem = Problem(mesh, CUBES, (), (), TimeSpan(0.4, num_outputs=40))
     law = ContactLaw(ContactForm.PENALTY)
     run = simulate(problem, velocity=speed, body_contact=law, tracks_energy=True)

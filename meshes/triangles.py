@@ -1,4 +1,4 @@
-"""Who shares what on a triangulated surface: edges, fans around points, connected parts."""
+"""Triangles on points: normals, areas, sides; their common edges, fans and connected parts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,42 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices
+from palpate.meshes.arrays import Floats, Indices, Points
 
 Integers = NDArray[np.int64]
+
+
+def facet_normals(corners: Points) -> Points:
+    """Normals (x1 - x0) x (x2 - x0) of triangles, twice their area long [m2].
+
+    Args:
+        corners: [m], shape (..., 3, 3): the corners of each, then their coordinates.
+
+    Returns:
+        Shape (..., 3), outward where the corners run counter-clockwise seen from outside.
+    """
+    start = corners[..., 0, :]
+    normals: Points = np.cross(corners[..., 1, :] - start, corners[..., 2, :] - start)
+    return normals
+
+
+def facet_areas(corners: Points) -> Floats:
+    """Areas of triangles [m2], shape (num_facets,), from corners [m], (num_facets, 3, 3)."""
+    areas: Floats = 0.5 * np.linalg.norm(facet_normals(corners), axis=1)
+    return areas
+
+
+def side_lengths(corners: Points) -> Floats:
+    """Lengths of the sides 01, 12 and 20 of triangles [m], (n, 3), from corners [m], (n, 3, 3)."""
+    lengths: Floats = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    return lengths
+
+
+def normals_at_points(points: Points, facets: Indices) -> Points:
+    """Sum of the `facet_normals` around each point [m2], shape (num_points, 3)."""
+    total = np.zeros_like(points)
+    np.add.at(total, facets, facet_normals(points[facets])[:, None, :])
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +70,22 @@ class EdgeUses:
     def by_edge(self) -> Integers:
         """Rows in the order of their edges, shape (3 num_facets,)."""
         return np.argsort(self.edge, kind="stable")
+
+    @property
+    def crowd(self) -> Integers:
+        """Number of uses of the edge of each row, shape (3 num_facets,)."""
+        return self.counts[self.edge]
+
+    @property
+    def plain_pairs(self) -> Integers:
+        """The two rows of each edge that two facets use, shape (num_such_edges, 2)."""
+        return self.by_edge[self.crowd[self.by_edge] == 2].reshape(-1, 2)
+
+    @property
+    def neighbours(self) -> Integers:
+        """Pairs of facets with a common edge, shape (num_pairs, 2): a chain for each edge."""
+        edge, owner = self.edge[self.by_edge], self.owner[self.by_edge]
+        return np.column_stack([owner[:-1], owner[1:]])[edge[1:] == edge[:-1]]
 
 
 def edge_uses(facets: Indices) -> EdgeUses:
@@ -87,19 +136,12 @@ def facet_parts(facets: Indices, uses: EdgeUses | None = None) -> Integers:
         uses: Their table of edges, where it is at hand.
     """
     uses = edge_uses(facets) if uses is None else uses
-    order = uses.by_edge
-    same = uses.edge[order][1:] == uses.edge[order][:-1]
-    owner = uses.owner[order]
-    return connected_parts(len(facets), np.column_stack([owner[:-1], owner[1:]])[same])
+    return connected_parts(len(facets), uses.neighbours)
 
 
-def parts_by_plain_edges(
-    edge: Integers, owner: Integers, crowd: Integers, num_facets: int
-) -> Integers:
-    """Parts of facets that hang together by edges with two facets."""
-    order = np.argsort(edge, kind="stable")
-    order = order[crowd[order] == 2]
-    return connected_parts(num_facets, owner[order].reshape(-1, 2))
+def parts_by_plain_edges(uses: EdgeUses) -> Integers:
+    """Part of each facet, where facets belong together across an edge that only they share."""
+    return connected_parts(len(uses.owner) // 3, uses.owner[uses.plain_pairs])
 
 
 def points_with_several_fans(facets: Indices, uses: EdgeUses | None = None) -> Integers:
