@@ -1,1 +1,1 @@
-"""The truth: Saint-Venant-Kirchhoff solves in UFL on FEniCSx."""
+"""The reference: finite-strain elasticity in UFL, solved on FEniCSx."""

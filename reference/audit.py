@@ -1,9 +1,9 @@
-"""How far is a given displacement from equilibrium? Found without solving the problem.
+"""How far a given displacement is from equilibrium, measured without solving the problem.
 
 One linear solve with the elasticity operator measures the residual in the norm dual to energy;
-one with the tangent at the displacement, a single Newton step, estimates what the displacement
-and the volume are wrong by. On the displacement's own degree 1 this tells whether the discrete
-equations were solved; on degree 2 also how much the linear tetrahedra themselves are wrong by.
+one with the tangent at the displacement, a single Newton step, estimates the errors of the
+displacement and of the volume. On the displacement's own degree 1 this shows whether the discrete
+equations were solved; on degree 2 it also shows the error of the linear tetrahedra themselves.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from palpate.reference.laws import engineering_strain, strain_energy_density
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.result import Audit
 
-# The norm is reported to some digits; its square is what the solve is accurate in.
+# The norm is reported to a few digits; the tolerance of the solve applies to its square.
 _SOLVE_TOLERANCE = 1e-8
 # Volume is a cubic of the displacement: a central difference of this part of a step is good to
 # its square, and loses five digits of sixteen to rounding.
@@ -82,7 +82,7 @@ def audit_displacement(
     errors = _estimate_errors(discrete, u, residual, smallest_det_f, problem.mesh.volume)
     cell_errors = _cell_errors(discrete, lifted)
     if element is Element.SMOOTHED:
-        # The energy of averages is that of no cell: by that of the cells themselves.
+        # The energy of averaged strains belongs to no single cell: scale the cells' own energies.
         cell_errors *= residual_norm / (np.linalg.norm(cell_errors) or 1.0)
     return Audit(
         degree=degree,
@@ -141,9 +141,9 @@ def _cell_errors(discrete: DiscreteProblem, lifted: Floats) -> Floats:
 
 
 def _imbalance(discrete: DiscreteProblem, u: Floats, residual: Floats) -> tuple[float, float]:
-    """Internal forces balance themselves; what is left over is the residual at free entries.
+    """Norms of the sums of the residual forces [N] and of their moments [N m].
 
-    Reactions are what holds the held entries, so there nothing is left over.
+    Only free entries count: at fixed ones the reactions balance the residual.
     """
     loose = np.zeros_like(residual)
     loose[discrete.free] = residual[discrete.free]
@@ -170,7 +170,7 @@ def _estimate_errors(
     smallest_det_f: float,
     rest_volume: float,
 ) -> tuple[float | None, float | None]:
-    """One Newton step from the displacement: what it changes is the estimate."""
+    """Estimate the errors of displacement and volume by one Newton step from the displacement."""
     if discrete.strain is Strain.GREEN and not smallest_det_f > 0.0:
         return None, None
     held = discrete.held

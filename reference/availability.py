@@ -1,4 +1,4 @@
-"""Is FEniCSx here, and which one; without importing it."""
+"""Whether FEniCSx is installed, and in which versions, found without importing it."""
 
 from __future__ import annotations
 

@@ -72,19 +72,19 @@ def child_environment() -> dict[str, str]:
 
 
 def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -> tuple[int, str]:
-    """Run a command that ends, with all it started, when this process does.
+    """Run a command; it and the processes that it starts end at the latest with this process.
 
     Args:
         command: Program and arguments.
-        time_limit: It and whatever it started are ended after this [s], > 0.
+        time_limit: The command and its own children are ended after this [s], > 0.
         progress: Called with one line of text now and then.
 
     Returns:
-        Its exit status and the last lines of its standard error.
+        The exit status and the last lines of the command's standard error.
 
     Raises:
-        InputError: A time limit that is not above 0.
-        ReferenceTimeoutError: No end within the time limit.
+        InputError: The time limit is not above 0.
+        ReferenceTimeoutError: The command did not end within the time limit.
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
@@ -129,7 +129,7 @@ def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
             progress(line.removeprefix(_PROGRESS).rstrip("\n"))
 
 
-# How a solve may end without a result; they travel as files too.
+# Errors by which a solve may end without a result; the child writes them to a file too.
 _FAILURES = (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError)
 
 
@@ -142,12 +142,12 @@ def run_task(
 ) -> Answer:
     """Do a task in a child process; under mpirun on all its ranks, in this process.
 
-    One that cannot be spread over ranks has a child of rank 0's, for which the others wait.
+    A task that needs one rank runs in a child of rank 0, and the other ranks wait for it.
 
     Args:
-        task: What to do.
-        problem: With what.
-        time_limit: The child and whatever it started are ended after this [s], > 0.
+        task: The task.
+        problem: The problem that it is called with.
+        time_limit: The child and its own children are ended after this [s], > 0.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -155,9 +155,9 @@ def run_task(
 
     Raises:
         InputError: The problem cannot be used.
-        ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError: As that function.
+        ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError: Raised by it.
         ReferenceUnavailableError: FEniCSx cannot be imported here.
-        ReferenceTimeoutError: No answer within the time limit.
+        ReferenceTimeoutError: There was no result within the time limit.
         ReferenceCrashedError: The child died, or left no result.
     """
     require_available()
@@ -175,7 +175,7 @@ def run_task(
 
 
 def _command(*files: Path) -> list[str]:
-    # -P: a file called numpy.py in the current folder is not the child's numpy.
+    # -P: the child must not import a file called numpy.py from the current folder.
     return [sys.executable, "-P", "-m", "palpate.reference.child", *map(str, files)]
 
 
@@ -197,7 +197,7 @@ def _read_answer(answer: Path, exit_code: int, errors: str, task: Task[Answer]) 
 
 
 def _save_failure(path: Path, error: Exception) -> None:
-    """Write what an error was made of: its attributes are called as its arguments."""
+    """Write the arguments of an error: its attributes have their names."""
     fields = {name: np.asarray(getattr(error, name)) for name in _arguments(type(error))}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, kind=type(error).__name__, **fields)
@@ -215,14 +215,14 @@ def _arguments(kind: type[Exception]) -> list[str]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Do the task of a file with the problem of another; return the exit status."""
+    """Read a problem, a task and the path of the result; return the exit status."""
     given, todo, answer = map(Path, arguments)
 
     def say(line: str) -> None:
         print(f"{_PROGRESS}{line}", flush=True)
 
     def end(exit_code: int, error: BaseException, what: str = "") -> int:
-        """Leave the error as one line."""
+        """Write the error as one line to standard error; return the exit status."""
         print(what + " ".join(str(error).split()), file=sys.stderr)
         return exit_code
 

@@ -1,18 +1,17 @@
 """Volume, surface area, energy, det F, stresses and support forces of a deformed body.
 
-Stresses are means over a rest cell of the second Piola-Kirchhoff stress S that the virtual work is
-made of, and of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
+Stresses are means over a rest cell: of the second Piola-Kirchhoff stress S in the virtual work,
+of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
 
     sigma = F S F^T / det F,
 
 which under linear strain is S itself, and of the first Piola-Kirchhoff stress P = F S, whose mean
-makes the nodal forces V P grad N of linear shape functions. On linear tetrahedra, smoothed or not,
-all are constant in a cell; the smoothed ones' S already is an average over the cell's edges and
-nodes.
+gives the nodal forces V P grad N of linear shape functions. On linear tetrahedra, smoothed or not,
+all three are constant in a cell; S of a smoothed one is an average over its edges and nodes.
 
 Note:
-    At clamped edges and reentrant corners stresses grow without end as the mesh is refined: compare
-    them away from there, and never by the largest.
+    At clamped edges and reentrant corners stresses grow without bound as the mesh is refined:
+    compare them away from there, and never by the largest.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ def lattice(order: int) -> Points:
 
 
 class DetFSampler:
-    """The smallest det F of a displacement.
+    """Measures the smallest det F of a displacement.
 
     det F is a polynomial of degree 3 (p - 1) in a cell: one point for p = 1, else the lattice
     that determines it, with the vertices among its points.
@@ -71,7 +70,7 @@ class DetFSampler:
 def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[float, Points]:
     """Smallest principal stretch at the sample points [-], and its rest position [m], shape (3,).
 
-    The root of the smallest eigenvalue of F^T F.
+    The stretch is the root of the smallest eigenvalue of F^T F.
     """
     transferred = body.space.transferred
     mesh = transferred.mesh
@@ -85,20 +84,20 @@ def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[floa
     place = corners[0] + points[point] @ (corners[1:] - corners[0])
     found = float(np.sqrt(max(squared[cell, point], 0.0)))
     least = fenicsx.smallest(found)
-    # Of equal ranks the last one's word counts.
+    # Where several ranks have the same smallest stretch, the position of the last one is taken.
     return least, last_offered(place, found == least)
 
 
 def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:
-    """How much of its stiffness is left at the corners of each cell [-], in the TetMesh's order.
+    """Least tangent modulus at the corners of each cell over that at rest [-], in TetMesh order.
 
-    Along principal directions, with stretches l and second Piola-Kirchhoff stresses S, the energy
-    of Saint-Venant-Kirchhoff curves by S_i + (lmbda + 2 mu) l_i^2 under a further stretch, and by
-    S_j + mu l_i^2 under a shear of directions i and j; both over what they are at rest. At 0 it
-    loses rank-one convexity (J. E. Marsden, T. J. R. Hughes, Mathematical Foundations of
-    Elasticity, 1983, section 3.4): confined compression gets there at a stretch of 0.577 by the
-    first, and with Poisson's ratio 0.3 at 0.655 by the second. Of other laws, most of which stiffen
-    as they are pressed, 1 everywhere.
+    Along principal directions, with stretches l and second Piola-Kirchhoff stresses S, the second
+    derivative of Saint-Venant-Kirchhoff's energy is S_i + (lmbda + 2 mu) l_i^2 under a further
+    stretch, and S_j + mu l_i^2 under a shear of directions i and j; each is divided by its value
+    at rest. At 0 the energy loses rank-one convexity (J. E. Marsden, T. J. R. Hughes, Mathematical
+    Foundations of Elasticity, 1983, section 3.4): confined compression reaches this at a stretch
+    of 0.577 by the first, and with Poisson's ratio 0.3 at 0.655 by the second. For other laws, most
+    of which stiffen in compression, the result is 1 everywhere.
     """
     transferred = body.space.transferred
     if not body.law.is_linear_in_strain:
@@ -134,7 +133,7 @@ def measure_state(body: ElasticBody, displacement: Floats) -> DeformedState:
     """Integrate over the rest body: volume of det F, area of |cof(F) N|, energy of psi.
 
     det F and psi are polynomials and integrated exactly. |cof(F) N| is constant on a facet for
-    degree 1; beyond that it is the root of a polynomial, and four orders more are spent on it.
+    degree 1; for higher degrees it is the root of a polynomial, integrated with four more orders.
     """
     mesh = body.space.transferred.mesh
     body.set_displacement(displacement)
@@ -175,7 +174,7 @@ def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:
     transferred = discrete.space.transferred
     source = transferred.source
     tensors = fenicsx.function_space(transferred.mesh, "DG", 0, (3, 3))
-    # S is of degree 2 (p - 1), F S F^T of twice that; det F, beneath, is nearly constant in a cell.
+    # S is of degree 2 (p - 1), F S F^T of twice that; 1 / det F is nearly constant in a cell.
     degree = discrete.stress_degree
     if degree is None:
         degree = 4 * (discrete.space.degree - 1)
@@ -192,8 +191,8 @@ def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:
 def support_forces(discrete: DiscreteProblem, displacement: Floats) -> Points:
     """Force of each support on the body [N], shape (num_supports, 3).
 
-    The nodal forces that are out of balance without it, R = internal - external - contact, summed
-    over what it holds: with the loads they add up to nothing, to rounding. See `HeldDofs.shares`.
+    It is the sum over the fixed degrees of freedom of R = internal - external - contact, so that
+    supports, loads and tools together are in balance to rounding. See `HeldDofs.shares`.
     """
     reactions = discrete.of_displacement(
         discrete.internal_force(displacement)

@@ -31,27 +31,27 @@ from palpate.reference.supports import NodeFrames, hold
 
 
 class LawForms:
-    """What a material's law says of a displacement, in UFL.
+    """Energy density and stresses of a material's law for a displacement, in UFL.
 
-    Every law is W = W_0 + lmbda/2 g^2, with W_0 what is left where lmbda = 0 and g a measure of a
-    change of volume: tr E of what is linear in strain, tr U - 3 of the corotational law, J - 1 or
-    ln J of the others.
+    Every law is W = W_0 + lmbda/2 g^2, with W_0 the energy for lmbda = 0 and g a measure of the
+    change of volume: tr E for laws linear in strain, tr U - 3 for the corotational law, J - 1 or
+    ln J for the others.
 
     Args:
         space: Displacement space.
         u: Displacement, in UFL.
-        material: Of which the law is read, and its terms.
+        material: The material whose law and Ogden terms are used.
         strain: Strain measure.
-        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell; None in
-            the place of lmbda leaves W_0.
+        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell; None
+            instead of lmbda gives W_0 alone.
 
     Attributes:
-        degree: Of the quadrature.
+        degree: Degree of the quadrature.
         energy: W [J/m3].
         piola: First Piola-Kirchhoff stress, dW/dF [Pa]; Cauchy's under linear strain.
-        stress: Second one [Pa]; Cauchy's under linear strain.
+        stress: Second Piola-Kirchhoff stress [Pa]; Cauchy's under linear strain.
         stress_degree: See `ElasticBody`.
-        coefficients: What has to be brought to u before forms are integrated.
+        coefficients: Coefficients of the forms to be updated to u before forms are integrated.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class LawForms:
         return ufl.dx(domain=self._mesh, metadata={"quadrature_degree": self.degree})
 
     def volume(self) -> tuple[Any, Any, Any]:
-        """G [-] with its derivatives dg/dF and dg/dE; the same under linear strain."""
+        """Measure g [-] with dg/dF and dg/dE; both derivatives are equal under linear strain."""
         F = deformation_gradient(self._u)
         if self.is_linear_in_strain:
             one = ufl.Identity(3)
@@ -126,22 +126,22 @@ class ElasticBody:
         u: Displacement, a function.
         v: Test function.
         lame: First Lamé parameter and shear modulus [Pa], functions constant in each cell.
-        law: That of the material, which holds under Green strain.
+        law: The law of the material, which is used under Green strain.
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
         virtual_work: Integral of F S : grad v, F = I under linear strain.
-        stress_degree: Of the quadrature by which alone forms of `stress` can be integrated; None
-            where any serves.
+        stress_degree: Quadrature degree that forms of `stress` must be integrated with; None where
+            any will do.
 
     Raises:
-        InputError: Smoothed tetrahedra of another degree, or on several ranks.
+        InputError: Smoothed tetrahedra are of another degree than 1, or on several ranks.
     """
 
     stress_degree: int | None = None
     _smoothed: SmoothedBody | None = None
-    # Of laws that are written in stretches.
+    # Coefficients of laws that are written in stretches.
     _coefficients: tuple[StrainCoefficients, ...] = ()
-    # Of nodes on slanted planes, whose degrees of freedom are along axes of their own: all flat
-    # vectors of this class are, in and out.
+    # Axes of nodes on slanted planes: the degrees of freedom of these nodes are components along
+    # them, in every flat vector that this class takes or returns.
     frames: NodeFrames | None = None
 
     def __init__(
@@ -169,14 +169,14 @@ class ElasticBody:
             self._coefficients, self.stress_degree = forms.coefficients, forms.stress_degree
             self.stress, self.energy = forms.stress, forms.energy * forms.dx
             self.virtual_work = ufl.inner(forms.piola, ufl.grad(self.v)) * forms.dx
-        self.num_dofs = 3 * space.num_blocks  # that this rank owns
+        self.num_dofs = 3 * space.num_blocks  # owned by this rank
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
 
     def _read_moduli(
         self, material: Material, inclusions: Sequence[Inclusion]
     ) -> tuple[Any, Any, Any]:
-        """Lamé's parameters and c01, functions that are constant in each cell."""
+        """Lamé's parameters and c01 [Pa], functions that are constant in each cell."""
         self.material, self.law, by_cell = material, material.law, self.space.transferred.by_cell
         lmbda = by_cell(material, inclusions, lambda m: lame_parameters(m)[0])
         mu = by_cell(material, inclusions, lambda m: lame_parameters(m)[1])
@@ -195,7 +195,7 @@ class ElasticBody:
         return change
 
     def _displacement_in(self, unknown: Any) -> Any:
-        """The displacement of all unknowns, in UFL."""
+        """The displacement part of all unknowns, in UFL."""
         return unknown
 
     @property
@@ -208,11 +208,11 @@ class ElasticBody:
         return self.to_global(values)
 
     def to_local(self, values: Floats) -> Floats:
-        """A flat vector along x, y, z with components along the nodes' own axes."""
+        """Turn a flat vector along x, y, z to components along the nodes' own axes."""
         return values if self.frames is None else self.frames.to_local(values)
 
     def to_global(self, values: Floats) -> Floats:
-        """And back."""
+        """Turn a flat vector along the nodes' own axes to components along x, y, z."""
         return values if self.frames is None else self.frames.to_global(values)
 
     def at_points(self, values: Floats) -> Points:
@@ -224,7 +224,7 @@ class ElasticBody:
         return self.to_local(forces)
 
     def set_displacement(self, displacement: Floats) -> None:
-        """Make `u` the given flat vector, and the stress that of `u`."""
+        """Set `u` to the given flat vector, and update the stress."""
         self._unknown.x.array[: self.num_dofs] = self.to_global(displacement)
         self._unknown.x.scatter_forward()
         for coefficients in self._coefficients:
@@ -238,14 +238,14 @@ class ElasticBody:
         return self.to_local(fenicsx.assemble_vector(self._force))
 
     def with_smoothing(self, matrix: Any) -> Any:
-        """The derivative of `virtual_work` where `u` is, along x, y, z, with what smoothing adds.
+        """The derivative of `virtual_work` at `u`, along x, y, z, with the terms of smoothing.
 
         Args:
-            matrix: That derivative with the stress held; the same object where nothing is smoothed.
+            matrix: The derivative at fixed stress; returned as it is where nothing is smoothed.
         """
         if self._smoothed is None:
             return matrix
-        # Between the points of a patch, of which those of a cell are a part.
+        # Smoothing couples all points of a patch; those of a cell are some of them.
         whole = self._smoothed.stiffness()
         whole.axpy(1.0, matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return whole
@@ -272,10 +272,10 @@ class DiscreteProblem(ElasticBody):
         element: See `ElasticBody`.
 
     Attributes:
-        held: Degrees of freedom that supports hold.
-        free: The others of this rank.
-        free_displacements: Those of them that are no pressures.
-        num_pressures: Over all ranks.
+        held: Degrees of freedom that supports fix, with their prescribed values.
+        free: The other degrees of freedom of this rank.
+        free_displacements: The free degrees of freedom without pressures.
+        num_pressures: Number of pressure unknowns over all ranks.
     """
 
     num_pressures = 0
@@ -294,7 +294,7 @@ class DiscreteProblem(ElasticBody):
         self._attach(problem)
 
     def _attach(self, problem: Problem, dofs: Indices | None = None) -> None:
-        """Add supports, loads, springs and tools; `dofs` are those of displacements among all."""
+        """Add supports, loads, springs and tools; `dofs`: the displacements among all unknowns."""
         space = self.space
         held = hold(space, problem.supports)
         self.held = held if dofs is None else held.renumbered(dofs)
@@ -305,7 +305,7 @@ class DiscreteProblem(ElasticBody):
         dead, followers = apply_loads(self, problem.loads)
         self.dead_force = self.from_nodal(dead)
         self.contacts = create_contacts(problem, space, held.dofs, dofs, self.num_dofs)
-        # Springs follow too, but their tangent is symmetric.
+        # Springs depend on the displacement too, but their tangent is symmetric.
         self.has_followers = bool(followers)
         self._followers = [*followers, *spring_forces(self, problem.springs)]
         trial = ufl.TrialFunction(self._unknown.function_space)
@@ -314,18 +314,18 @@ class DiscreteProblem(ElasticBody):
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
-        """A flat vector of another mesh's problem as one of this one's.
+        """Interpolate a flat vector of a problem on another mesh to this one.
 
         Args:
-            other: On a mesh of the same body.
+            other: The problem on the other mesh of the same body.
             values: Its flat vector.
-            cells: The cell of the other TetMesh that each of this one's lies in.
+            cells: For each cell of this TetMesh the cell of the other that it lies in.
         """
         other.set_displacement(values)
         return self.to_local(carry_field(other.space, other.u, self.space, cells))
 
     def destroy(self) -> None:
-        """Give the matrix back at once: Python's collector sees only its handle."""
+        """Free the matrix at once: Python's garbage collector sees only a small object."""
         self._matrix.destroy()
 
     def external_force(self, displacement: Floats) -> Floats:
@@ -339,11 +339,11 @@ class DiscreteProblem(ElasticBody):
 
     @property
     def has_follower_forces(self) -> bool:
-        """Whether a pressure or a spring pushes."""
+        """Whether a force depends on the displacement: a follower pressure or a spring."""
         return bool(self._followers)
 
     def contact_force(self, displacement: Floats) -> Floats:
-        """Nodal forces of the tools where they are at a displacement [N], flat."""
+        """Nodal forces of the tools at their present pose at a displacement [N], flat."""
         force = np.zeros(self.num_dofs)
         for contact in self.contacts:
             force += contact.force(displacement)
@@ -388,11 +388,11 @@ def internal_force(
 
     Returns:
         Internal force at the mesh's points [N], shape (num_points, 3). For degree 1 it sums to
-        zero over the body; beyond that the nodes on the edges carry the rest.
+        zero over the body; for higher degrees only together with the other nodes.
 
     Raises:
         InputError: Wrong shape, a value that is not finite, or smoothed tetrahedra of another
-            degree or on several ranks.
+            degree than 1 or on several ranks.
     """
     space = create_space(transfer(mesh), degree)
     body = ElasticBody(space, material, Strain(strain), inclusions, element=Element(element))

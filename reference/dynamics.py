@@ -1,12 +1,12 @@
-"""Implicit dynamics on FEniCSx: the truth of motion, second order in time.
+"""Implicit dynamics on FEniCSx: the reference for motion, second order in time.
 
 The generalised-alpha method for
 
     M a'' + lambda M a' + R(a) = F(t),
 
-whose formulas stand in `schemes`; with stiffness damping R has the forces of a viscous stress too,
-R(a, a'): see `motion`. Its one parameter, the spectral radius at infinite frequency, says how much
-of a wave too short for the mesh is left after a step: 1 leaves all, 0 nothing.
+whose formulas are in `schemes`; with stiffness damping R has the forces of a viscous stress too,
+R(a, a'): see `motion`. Its one parameter is the spectral radius at infinite frequency, the factor
+on oscillations that the time step does not resolve: 1 leaves them all, 0 removes them in one step.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from palpate.reference.motion import Amplitudes, Field, MovingBody, StepLostErro
 from palpate.reference.result import ImplicitResult
 from palpate.reference.schemes import AlphaMethod, State, Stencil, stated_steps, stencil_of
 
-# A step that does not converge is cut in two, so often at most.
+# Maximum number of times that a step that does not converge is halved.
 _MAX_HALVINGS = 6
 _MAX_ITERATIONS = 25
-# Of the residual, what may be left by an iteration with the tangent of an earlier one. To assemble
-# and factor it costs as much as ten solves or more by factors that are there.
+# An iteration with an earlier tangent must reduce the residual to this fraction, else the tangent
+# is updated. To assemble and factor it costs as much as ten solves or more with existing factors.
 _SLOW = 0.3
-# Nodes come and go, and multipliers follow them.
+# Contact changes the active nodes, and the multipliers with them: more iterations are needed.
 _MOST_WITH_TOOLS = 40
 
 
@@ -66,16 +66,16 @@ def simulate_implicit(
         problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
         strain: Strain measure.
         degree: Polynomial degree of the displacement, 1 to 3.
-        displacement: Initial, at the mesh's points [m], shape (num_points, 3), linear between
-            them; or a function of rest points, shape (n, 3); None is rest.
-        velocity: Initial [m/s], likewise; None is the problem's.
+        displacement: Initial displacement at the mesh's points [m], shape (num_points, 3), linear
+            between them; or a function of rest points, shape (n, 3); None is rest.
+        velocity: Initial velocity [m/s], given like the displacement; None is the problem's.
         amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
             takes each load's own.
         support_amplitude: The same for the supports' displacements.
         spectral_radius: See `AlphaMethod`.
         is_mass_lumped: Row sums instead of the consistent mass; degree 1 only.
-        relative_tolerance: Of each step: out-of-balance nodal forces over the largest of
-            internal, external and inertial ones [-].
+        relative_tolerance: Tolerance of each step: out-of-balance nodal forces over the largest
+            of internal, external and inertial ones [-].
         progress: Called with one line of text now and then.
 
     Returns:
@@ -84,14 +84,14 @@ def simulate_implicit(
     Raises:
         InputError: No time span or step, outputs that are not whole steps apart, a tool inside the
             body at the start, or a load or support that cannot be used.
-        ReferenceStepError: A step has no solution, however short; carries the last good state.
+        ReferenceStepError: A step has no solution, however short; has the last accepted state.
 
     Note:
-        Tools touch the body at nodes (see `ContactPoints`); one that a force drives has its mass
-        and moves along its line, from rest (see `DrivenTool`). Where their forces set in at
-        once (a node is caught, or dragged from the start) steps are of first order.
-        Unconditionally stable for linear problems only; of what the time step does not resolve
-        nothing is true. Halve the step to see how far it is resolved.
+        Tools touch the body at nodes (see `ContactPoints`); a tool driven by a force has a mass
+        and moves along its line, from rest (see `DrivenTool`). Where contact forces jump (a node
+        comes into contact, or friction acts from the start) steps are of first order.
+        The method is unconditionally stable for linear problems only. Oscillations that the time
+        step does not resolve are wrong: halve the step to estimate the error.
     """
     span, dt, per_output = stated_steps(problem, "implicit dynamics")
     if degree not in (1, 2, 3):
@@ -142,7 +142,7 @@ def simulate_implicit(
 
 
 def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int) -> State:
-    """One step, or two half ones where it has no solution."""
+    """Do one step, or two of half the length where it has no solution."""
     try:
         return motion.step(state, time, dt)
     except StepLostError as error:
@@ -157,15 +157,15 @@ class Motion(MovingBody):
     """A body with its tools, and a step of the generalised-alpha method by Newton's method.
 
     Attributes:
-        method: Of the steps.
+        method: Parameters of the generalised-alpha method.
         tolerance: Relative residual of a step [-].
-        tools: Those of the problem.
-        solver: Of the linear systems.
-        iterations: Linear solves so far.
+        tools: The tools of the problem.
+        solver: Solver of the linear systems.
+        iterations: Number of linear solves so far.
     """
 
     iterations = 0
-    # Factors of mass, stiffness and viscosity, and the matrix that they gave last.
+    # Factors of mass, stiffness and viscosity, with the last matrix that was assembled from them.
     _cached: tuple[tuple[float, float, float], Any] | None = None
 
     def prepare(self, method: AlphaMethod, tolerance: float) -> None:
@@ -185,7 +185,7 @@ class Motion(MovingBody):
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.tools = ImplicitTools(self.problem, space, self.held, tolerance)
-        # Multigrid does badly by contact, and factors serve many steps.
+        # Multigrid converges slowly with contact, and factors can be used for many steps.
         is_direct = bool(self.tools) or 3 * space.num_global_blocks < LARGEST_FALLBACK
         self.solver: LinearSolver | LaggedFactors = (
             LaggedFactors(is_symmetric=self.is_symmetric)
@@ -195,8 +195,8 @@ class Motion(MovingBody):
             )
         )
         is_linear = body.strain is Strain.LINEAR
-        # Part of the residual that an iteration with an earlier tangent may leave. Multigrid is set
-        # up anew for every matrix: then a new one costs little more.
+        # Largest ratio of residuals by an iteration with an earlier tangent. Multigrid is set up
+        # anew for every matrix, so that a new tangent costs little more.
         self._slow = math.inf if is_linear else _SLOW if is_direct else 0.0
 
     def _solve(
@@ -209,11 +209,11 @@ class Motion(MovingBody):
         *,
         is_fresh: bool = True,
     ) -> Floats:
-        """Solve (mass M + stiffness K(u) + rate D(u)) du = rhs, du = 0 where held.
+        """Solve (mass M + stiffness K(u) + rate D(u)) du = rhs, du = 0 at fixed entries.
 
-        D that of the last viscous force, K with what it has of the displacement.
-        With the stiffness of contact where the tools touch the body of another displacement.
-        Where it need not be fresh, K and D of an earlier displacement, if they are cached.
+        D is the derivative of the last viscous force by the velocity, K has that by displacement.
+        The stiffness of contact is added at the displacement `touching`, if it is given.
+        Unless `is_fresh`, K and D of an earlier displacement are taken where they are cached.
         """
         mass, stiffness, _ = factors
         if self._cached is None or self._cached[0] != factors or is_fresh:
@@ -237,7 +237,7 @@ class Motion(MovingBody):
         return self.solver.solve(matrix, rhs, self.held, still, tolerance=0.1 * self.tolerance)
 
     def _assemble(self, u: Floats, factors: tuple[float, float, float]) -> None:
-        """Without followers, lumped mass and tools; for later too."""
+        """Assemble and cache the tangent, without followers, lumped mass and tools."""
         mass, stiffness, rate = factors
         self.body.set_displacement(u)
         self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
@@ -247,11 +247,11 @@ class Motion(MovingBody):
             self.viscosity.add_tangent(self._matrix, stiffness, rate)
         if self._cached is not None:
             self._cached[1].destroy()
-            # Contact changes a few nodes at a time: then old factors serve many iterations.
+            # Contact changes few nodes at a time: old factors then remain good preconditioners.
             is_new = self._cached[0] != factors or not self.tools
             if is_new and isinstance(self.solver, LaggedFactors):
                 self.solver.forget()
-        if self._slow > 0.0:  # else nothing comes back to it
+        if self._slow > 0.0:  # else it is never used again
             self._cached = factors, self._matrix.copy()
 
     def begin(self, displacement: Field, velocity: Field) -> State:
@@ -289,7 +289,7 @@ class Motion(MovingBody):
                 raise StepLostError(f"no convergence in {most} iterations")
             is_fresh = is_lost or norm > self._slow * last
             last = norm
-            # Multipliers taken over have changed the forces.
+            # The update of the multipliers has changed the forces.
             residual = forces.lacking + tools.force(new)
             solve = functools.partial(
                 self._solve,
@@ -313,7 +313,7 @@ class Motion(MovingBody):
                 new = new + du
                 tools.go_to(tools.ways + ways)
         moved = new - state.u
-        # What holds the supports does work too: all that is out of balance there.
+        # Reactions of moving supports do work too: they are the residual at the fixed entries.
         work = float((forces.external + tools.force(new)) @ moved)
         work -= float(left[held] @ moved[held])
         lost = float(self.inertia(forces.damped) @ moved) if self.damping else 0.0
@@ -321,7 +321,7 @@ class Motion(MovingBody):
             lost += float(forces.viscous @ moved)
 
         def momentum(dv: Floats, da: Floats) -> Floats:
-            # Over steps, M v = impulses + (alpha_f - 1/2) dt M a.
+            # Summed over steps, M v = impulses + (alpha_f - 1/2) dt M a.
             return self.inertia(dv + (0.5 - m.alpha_f) * dt * da)
 
         end = stencil.after(new)
@@ -342,7 +342,7 @@ class Motion(MovingBody):
         time: float,
         residual: Floats,
     ) -> float:
-        """How much of a Newton step of body and driven tools to take; these stay where they are."""
+        """Fraction of a Newton step of body and driven tools to take; the tools are not moved."""
         (du, ways), tools = step, self.tools
         start = tools.ways
 

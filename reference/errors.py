@@ -36,14 +36,14 @@ class ReferenceNotConvergedError(ReferenceFailedError):
     """No equilibrium was found under the full load.
 
     Attributes:
-        load_factor: Largest fraction of the load with an equilibrium found, in [0, 1).
-        reason: What ended the search.
+        load_factor: Largest fraction of the load for which equilibrium was found, in [0, 1).
+        reason: Why the search ended.
         smallest_det_f: Smallest det F of that last equilibrium [-].
         displacement: Displacement of that last equilibrium at the mesh's points [m],
             shape (num_points, 3); empty when not even the mesh was reached.
-        smallest_stretch: Smallest principal stretch there [-]; Saint-Venant-Kirchhoff has no more
-            resistance to give at about 0.577.
-        place: Where that is in the rest body [m], shape (3,); NaN where it was not looked for.
+        smallest_stretch: Smallest principal stretch there [-]; Saint-Venant-Kirchhoff reaches its
+            largest resistance at about 0.577.
+        place: Its position in the rest body [m], shape (3,); NaN where it was not computed.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class ReferenceNotConvergedError(ReferenceFailedError):
 
 
 class ReferenceBlowUpError(ReferenceFailedError):
-    """An explicit run left the finite numbers.
+    """The displacements of an explicit run are no longer finite.
 
     Attributes:
         step: Number of accepted time steps.
-        time: Time of the last good state [s].
-        displacement: The last good state [m], shape (num_points, 3).
+        time: Time of the last accepted state [s].
+        displacement: Displacement of the last accepted state [m], shape (num_points, 3).
     """
 
     def __init__(self, step: int, time: float, displacement: Points) -> None:
@@ -95,10 +95,10 @@ class ReferenceStepError(ReferenceFailedError):
     """A time step of implicit dynamics has no solution, however short.
 
     Attributes:
-        time: Time of the last good state [s].
+        time: Time of the last accepted state [s].
         time_step: The shortest step tried [s].
-        reason: What ended it.
-        displacement: The last good state [m], shape (num_points, 3).
+        reason: Why the step failed.
+        displacement: Displacement of the last accepted state [m], shape (num_points, 3).
     """
 
     def __init__(self, time: float, time_step: float, reason: str, displacement: Points) -> None:
@@ -116,8 +116,8 @@ class ReferenceCrashedError(ReferenceFailedError):
     """The process of the reference ended without a result.
 
     Attributes:
-        exit_code: Its exit status; negative for a signal.
-        stderr_tail: The last lines it wrote to standard error.
+        exit_code: Exit status of the process; negative for a signal.
+        stderr_tail: The last lines that it wrote to standard error.
     """
 
     def __init__(self, exit_code: int, stderr_tail: str) -> None:
@@ -143,11 +143,11 @@ def _cause(stderr_tail: str) -> str:
 
 
 class ReferenceTooLongError(ReferenceFailedError):
-    """Runs that would not fit into the time they may take together were not begun.
+    """Runs were not started because together they would take longer than allowed.
 
     Attributes:
-        needed: That they would take at least, by the first of them [s].
-        budget: That they may take [s].
+        needed: Least time of all runs, estimated from the first of them [s].
+        budget: Time allowed for all runs [s].
     """
 
     def __init__(self, needed: float, budget: float) -> None:
@@ -163,7 +163,7 @@ class ReferenceTimeoutError(ReferenceFailedError):
 
     Attributes:
         time_limit: The limit [s].
-        stderr_tail: The last lines it wrote to standard error.
+        stderr_tail: The last lines that it wrote to standard error.
     """
 
     def __init__(self, time_limit: float, stderr_tail: str = "") -> None:

@@ -1,14 +1,14 @@
 # ruff: noqa: E402 (the wheel must be found before its parts are imported)
-"""Everything that differs between dolfinx 0.5 and 0.11, and what the ranks tell each other.
+"""Differences between dolfinx 0.5 and 0.11, and the communication between ranks.
 
-The rest of the room reads the same on both. Import dolfinx only through this module:
+The other modules work with both versions. Import dolfinx only through this module:
 
     from palpate.reference.fenicsx import PETSc, fem, ufl
 
-Under mpirun every rank runs the same lines. A flat vector of the room holds the entries its rank
-owns; what is summed or compared over a whole body goes through `total`, `smallest` or `largest`,
-which every rank calls together. A decision that one rank takes by its own numbers alone leaves the
-others waiting: take it by `is_anywhere`.
+Under mpirun every rank runs the same lines. A flat vector contains the entries that its rank owns;
+sums and extremes over the whole body are taken by `total`, `smallest` and `largest`, which every
+rank must call. A decision that one rank takes by its own numbers alone leaves the others waiting:
+take it by `is_anywhere`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from petsc4py import PETSc as PETSc
 VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]
 _IS_OLD = VERSION < (0, 6)
 
-# All ranks; one of its own where there is no mpirun.
+# The communicator of all ranks; without mpirun there is a single rank.
 COMM = MPI.COMM_WORLD
 
 if _IS_OLD:
@@ -54,7 +54,7 @@ if _IS_OLD:
 else:
     _ADD = dolfinx.la.InsertMode.add
 
-# -O2 without -march=native or -ffast-math: the same digits on every machine of the family.
+# -O2 without -march=native or -ffast-math: the same digits on every machine of an architecture.
 _OPTIONS: dict[str, Any] = {"cffi_extra_compile_args": ["-O2", "-g0"]}
 # How long the compiler waits for another process's form before it raises TimeoutError [s].
 _PATIENCE, _PATIENCE_OF_RANKS = 1, 60
@@ -63,7 +63,7 @@ _Given = ParamSpec("_Given")
 
 
 def _compiles(make: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
-    """Let a function find and keep compiled forms in our folder, beside other processes."""
+    """Let a function cache compiled forms in our folder, which other processes use too."""
 
     @functools.wraps(make)
     def made(*given: _Given.args, **named: _Given.kwargs) -> _Made:
@@ -71,7 +71,7 @@ def _compiles(make: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         if COMM.size == 1:
             with _compiler(folder, _PATIENCE):
                 return compiled_in(folder, lambda: make(*given, **named))
-        # One rank compiles while the others wait for it: it alone may wait, and for all of it.
+        # Rank 0 compiles under the lock while the other ranks wait for its compiled forms.
         with locked(folder) if COMM.rank == 0 else contextlib.nullcontext():
             if COMM.rank == 0:
                 remove_unfinished(folder)
@@ -83,7 +83,7 @@ def _compiles(make: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
 
 @contextlib.contextmanager
 def _compiler(folder: Path, patience: int) -> Iterator[None]:
-    """The compiler of forms with its folder, its patience [s], and its log quiet."""
+    """Set the folder and the time limit [s] of the form compiler, and silence its log."""
     defaults = (
         dolfinx.jit.DOLFINX_DEFAULT_JIT_PARAMETERS
         if _IS_OLD
@@ -93,10 +93,10 @@ def _compiler(folder: Path, patience: int) -> Iterator[None]:
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
     before = {key: defaults[key] for key in ("cache_dir", "timeout")}
     with warnings.catch_warnings():
-        # The old compiler uses names that numpy deprecates, and leaves files to the collector.
+        # The old compiler uses names that numpy deprecates, and does not close its files.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.simplefilter("ignore", ResourceWarning)
-        # 0.5 compiles elements and coordinate maps without a way to pass options.
+        # dolfinx 0.5 has no options for the compilation of elements and coordinate maps.
         defaults["cache_dir"] = (folder, before["cache_dir"][1])
         defaults["timeout"] = (patience, before["timeout"][1])
         # cffi builds through setuptools, which reconfigures the root logger and logs every command.
@@ -111,16 +111,16 @@ def _compiler(folder: Path, patience: int) -> Iterator[None]:
 
 
 def versions() -> dict[str, str]:
-    """Of Python, of the parts of FEniCSx and of PETSc, as text."""
+    """Versions of Python, of the parts of FEniCSx and of PETSc, as text."""
     return {**availability.versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
 
 
 def give_back_dropped() -> None:
     """Free the matrices, factors and vectors that Python has dropped; every rank calls it.
 
-    PETSc keeps them until all ranks say together that they are not needed; without this a long
-    session grows by every tangent that it ever had. It is called where a body begins and where a
-    system is solved, so that nobody else has to.
+    PETSc frees an object only when all ranks agree that it is not needed; without this call a long
+    run keeps the memory of every tangent. It is called where a mesh is created and where a system
+    is solved, so that no other code has to.
     """
     PETSc.garbage_cleanup(COMM)
 
@@ -129,7 +129,7 @@ def give_back_dropped() -> None:
 def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     """Return a dolfinx mesh of linear tetrahedra, spread over the ranks; it renumbers both."""
     give_back_dropped()
-    # Rank 0 brings everything; dolfinx spreads it.
+    # Rank 0 passes the whole mesh; dolfinx distributes it.
     own_rows = slice(None) if COMM.rank == 0 else slice(0)
     x = np.ascontiguousarray(points[own_rows], dtype=np.float64)
     rows = np.ascontiguousarray(cells[own_rows], dtype=np.int64)
@@ -149,10 +149,10 @@ def function_space(mesh: Any, family: str, degree: int, shape: tuple[int, ...] =
     """Return the space of scalars, of vectors (3,) or of tensors (3, 3) of a polynomial degree.
 
     Args:
-        mesh: Of dolfinx.
-        family: "Lagrange", continuous; or "DG", which of degree 0 is constant in each cell.
-        degree: Of the polynomials.
-        shape: Of the values.
+        mesh: The dolfinx mesh.
+        family: "Lagrange", continuous; or "DG", which for degree 0 is constant in each cell.
+        degree: Polynomial degree.
+        shape: Shape of the values.
     """
     if _IS_OLD:
         kinds = (fem.FunctionSpace, fem.VectorFunctionSpace, fem.TensorFunctionSpace)
@@ -162,7 +162,7 @@ def function_space(mesh: Any, family: str, degree: int, shape: tuple[int, ...] =
 
 @_compiles
 def taylor_hood_space(mesh: Any, degree: int) -> Any:
-    """Return displacements of a degree with continuous scalars of one degree less."""
+    """Return the space of displacements of a degree with continuous scalars of one degree less."""
     if _IS_OLD:
         cell = mesh.ufl_cell()
         parts = [
@@ -185,10 +185,10 @@ def taylor_hood_space(mesh: Any, degree: int) -> Any:
 
 @_compiles
 def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]:
-    """Return a part of a mixed space as one of its own, and where its dofs are.
+    """Return a part of a mixed space as a separate space, and its dofs in the mixed space.
 
-    Not by dolfinx's `collapse`: from degree 3 on an edge has two dofs, and that numbers them by
-    each cell's own sense of direction (0.5.2 and 0.11), so that neighbours disagree.
+    dolfinx's `collapse` is not used: from degree 3 on an edge has two dofs, which it numbers along
+    the direction of the edge in each cell (0.5.2 and 0.11), so that neighbours disagree.
     """
     if _IS_OLD:
         space = fem.FunctionSpace(mixed.mesh, mixed.ufl_element().sub_elements()[part])
@@ -204,7 +204,7 @@ def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]
 
 
 def num_local_blocks(space: Any) -> int:
-    """Number of nodes in the cells of this rank, those that another one owns too."""
+    """Number of nodes in the cells of this rank, including those that another rank owns."""
     index_map = space.dofmap.index_map
     return int(index_map.size_local + index_map.num_ghosts)
 
@@ -217,7 +217,7 @@ def cell_function(mesh: Any, values: Floats) -> Any:
 
 
 def set_cell_values(function: Any, values: Floats) -> None:
-    """Give a `cell_function` other values, dolfinx numbering."""
+    """Set the values of a `cell_function`, dolfinx numbering."""
     function.x.array[cell_dofs(function.function_space)[:, 0]] = values
 
 
@@ -227,7 +227,7 @@ def cell_values(function: Any) -> Floats:
 
 
 def quadrature_points(degree: int) -> Points:
-    """Points of the reference tetrahedron that a form of this degree is integrated by."""
+    """Quadrature points of the reference tetrahedron for a form of this degree."""
     import basix
 
     points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree)
@@ -236,9 +236,9 @@ def quadrature_points(degree: int) -> Points:
 
 @_compiles
 def quadrature_space(mesh: Any, degree: int, size: int) -> Any:
-    """Return the space of values at the quadrature points of each cell, so many at each.
+    """Return the space of `size` values at each quadrature point of each cell.
 
-    Of degree 0, with one point, that of vectors that are constant in each cell.
+    Degree 0, with one point, gives the space of vectors that are constant in each cell.
     """
     if _IS_OLD:
         family, cell = ("Quadrature" if degree else "DG"), mesh.ufl_cell()
@@ -283,13 +283,13 @@ def create_matrix(compiled: Any) -> Any:
 
 
 def assemble_into_matrix(matrix: Any, compiled: Any) -> None:
-    """Add a compiled bilinear form to a PETSc matrix (constraints are the caller's)."""
+    """Add a compiled bilinear form to a PETSc matrix, without constraints."""
     dolfinx.fem.petsc.assemble_matrix(matrix, compiled)
     matrix.assemble()
 
 
 def assemble_vector(compiled: Any) -> Floats:
-    """Assemble a compiled linear form, flat, the entries this rank owns."""
+    """Assemble a compiled linear form; flat, the entries that this rank owns."""
     vector = fem.assemble_vector(compiled)
     space = compiled.function_spaces[0]
     num_owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
@@ -309,12 +309,12 @@ def total(value: Any) -> Any:
 
 
 def smallest(value: float) -> float:
-    """Smallest of the ranks' numbers; NaN where one is."""
+    """Smallest of the ranks' numbers; NaN where any is NaN."""
     return -largest(-value)
 
 
 def largest(value: float) -> float:
-    """Largest of the ranks' numbers; NaN where one is."""
+    """Largest of the ranks' numbers; NaN where any is NaN."""
     if COMM.size == 1:
         return value
     return float(np.max(COMM.allgather(value)))
@@ -350,7 +350,7 @@ def evaluate_in_cells(
     """Compile an expression to be evaluated at points of every cell, dolfinx numbering.
 
     Returns:
-        What gives its values now, shape (num_cells, num_points * value_size).
+        A function for its present values, shape (num_cells, num_points * value_size).
     """
     cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     points = np.ascontiguousarray(reference_points)
@@ -368,15 +368,15 @@ def meshtags(
     return dolfinx.mesh.meshtags(mesh, dimension, entities, values)
 
 
-# A rank in trouble waits this long for the others to be in trouble too [s].
+# A rank with an error waits this long for the other ranks to have an error too [s].
 PATIENCE = 10.0
 _POLL = 0.005  # [s]
-# Where ranks in trouble meet: on a channel of its own, since the others may be at any other call.
+# Communicator of ranks with an error: a separate one, since the others may be in any other call.
 _TROUBLE = COMM.Dup()
 
 
 def is_anywhere(value: bool) -> bool:
-    """Whether something is so on any rank."""
+    """Whether the value is true on any rank."""
     return value if COMM.size == 1 else bool(COMM.allreduce(value, MPI.LOR))
 
 
@@ -386,31 +386,31 @@ def all_rows(rows: Floats) -> Floats:
 
 
 def different_rows(rows: Floats) -> Floats:
-    """The different rows of a table over all ranks, sorted."""
+    """The distinct rows of a table over all ranks, sorted."""
     different: Floats = np.unique(all_rows(np.unique(rows, axis=0)), axis=0)
     return different
 
 
 def exchange(parts: list[Any]) -> list[Any]:
-    """Send each rank its part; return what each has sent to this one, in the order of the ranks."""
+    """Send each rank its part; return the parts received, in the order of the ranks."""
     return parts if COMM.size == 1 else list(COMM.alltoall(parts))
 
 
 def last_offered(value: Any, is_offered: bool) -> Any:
-    """The value of the last rank that offers one."""
+    """The value of the last rank on which `is_offered`."""
     return [v for v in COMM.allgather(value if is_offered else None) if v is not None][-1]
 
 
 def is_met_by_all() -> bool:
-    """Whether all ranks are in trouble: each calls this where it is, and waits for the others.
+    """Whether all ranks have an error: a rank with one calls this and waits for the others.
 
-    False where one alone is. It must not go on then: the others wait for it elsewhere.
+    False where only some ranks have. They must not go on then: the others wait for them elsewhere.
     """
     return COMM.size == 1 or comes(_TROUBLE.Ibarrier())
 
 
 def comes(request: Any) -> bool:
-    """Whether a request of MPI is met in the time that a rank in trouble waits."""
+    """Whether an MPI request completes within PATIENCE."""
     deadline = time.monotonic() + PATIENCE
     while not request.Test():
         if time.monotonic() > deadline:

@@ -1,10 +1,10 @@
-"""Where compiled forms are kept, so that a killed run never corrupts the next one.
+"""The cache of compiled forms, which a killed run never corrupts for the next one.
 
 FFCx marks a form as "being compiled" by a `.c` file and as ready by a `.c.cached` file beside it.
 A run killed in between leaves the first without the second, and every later run waits for it and
 fails with a TimeoutError. Here the folder is private to this version of palpate and dolfinx and is
-only used under a lock that many may share and that the system releases when its holder dies; so
-whoever has it alone knows that a `.c` without its `.c.cached` is a dead run's, and removes it.
+used only under a lock, shared or exclusive, that the system releases when its process ends. A
+process with the exclusive lock can therefore remove every `.c` without its `.c.cached`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import palpate
 from palpate.meshes.temporaries import scratch_folder
 
 Made = TypeVar("Made")
-# A form that still is not there when nobody else holds the lock and nothing is left over: a
-# failure of another kind. Twice it may just have been finished by somebody else.
+# Attempts with the exclusive lock before the error is raised. Another process may have finished a
+# missing form only just now; after this many attempts the failure has another cause.
 _TRIES_ALONE = 3
 _FOR_THIS_PROCESS = contextlib.ExitStack()
 atexit.register(_FOR_THIS_PROCESS.close)
@@ -32,8 +32,8 @@ atexit.register(_FOR_THIS_PROCESS.close)
 def cache_folder(dolfinx_version: str) -> Path:
     """Folder of compiled forms: $XDG_CACHE_HOME/palpate or ~/.cache/palpate, by versions.
 
-    Falls back to a folder under the system's temporary one where that cannot be written, and to
-    one for this process alone where that is somebody else's.
+    Falls back to a folder in the system's temporary one where that cannot be written, and to a
+    folder for this process alone where the temporary one belongs to another user.
     """
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
@@ -43,14 +43,14 @@ def cache_folder(dolfinx_version: str) -> Path:
         folder = parent / name
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            # Code is loaded from here: never from a folder that somebody else owns.
+            # Code is loaded from here: never use a folder that another user owns.
             if os.access(folder, os.W_OK) and folder.stat().st_uid == user:
                 return folder
     return _FOR_THIS_PROCESS.enter_context(scratch_folder("forms"))
 
 
 def remove_unfinished(folder: Path) -> list[str]:
-    """Remove the `.c` files of compilations that never finished; call with the lock held alone."""
+    """Remove the `.c` files of unfinished compilations; the caller has the exclusive lock."""
     names = {path.name for path in folder.iterdir()}
     unfinished = sorted(n for n in names if n.endswith(".c") and f"{n}.cached" not in names)
     for name in unfinished:
@@ -59,15 +59,15 @@ def remove_unfinished(folder: Path) -> list[str]:
 
 
 def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
-    """What `make` makes with the forms of a folder, beside others who do the same.
+    """Call `make` with the compiled forms of a folder, which other processes may use too.
 
     Args:
-        folder: Of compiled forms.
-        make: Raises TimeoutError where another process is at the same form, or has died over it;
-            it is called again when that one has ended.
+        folder: Folder of compiled forms.
+        make: Raises TimeoutError where another process compiles the same form, or has died doing
+            so; it is called again when that process has ended.
 
     Returns:
-        What `make` returned.
+        The result of `make`.
     """
     tries_alone = 0
     while True:
@@ -84,12 +84,12 @@ def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
 
 @contextlib.contextmanager
 def locked(folder: Path, *, alone: bool = True, wait: bool = True) -> Iterator[bool]:
-    """Hold the folder's lock; yields whether it is held.
+    """Lock the folder; yields whether the lock was obtained.
 
     Args:
-        folder: Of compiled forms.
-        alone: Nobody else may hold it; else nobody else may hold it alone.
-        wait: For those who hold it, however long; else it may be not held.
+        folder: Folder of compiled forms.
+        alone: Take the exclusive lock; else a shared one.
+        wait: Wait for other processes, however long; else the lock may not be obtained.
 
     Windows has no such lock: there two processes that compile the same form disturb each other.
     """

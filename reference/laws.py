@@ -4,15 +4,15 @@ J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis,
 chapters 4 and 6; the paper: Yan et al. 2007, "Soft Tissue Deformation Simulation in Virtual Surgery
 using Nonlinear Finite Element Method".
 
-What each law is, where it comes from and where it ends: `palpate.meshes.material_law.Law`. With the
-engineering strain in E's place Saint-Venant-Kirchhoff's is linear elasticity, and S is Cauchy's
-stress: the control, and the paper's eq. 1-5. A finite rotation strains that, so bodies that turn
-grow. Laws in invariants of C are written as energies, of which stresses and tangents are derived;
-those in stretches stand in `principal_laws`.
+The formula, source and range of each law are in `palpate.meshes.material_law.Law`. With the
+engineering strain instead of E Saint-Venant-Kirchhoff's law is linear elasticity, S is Cauchy's
+stress, and the equations are the paper's eq. 1-5. The engineering strain of a finite rotation is
+not zero: bodies that turn grow. Laws in invariants of C are written as energies, from which UFL
+derives stresses and tangents; laws in stretches are in `principal_laws`.
 
 Note:
-    Energies in F lose digits in small displacements: forces are right to rounding of the moduli
-    times the areas, 1e-16 / |strain| of their own size.
+    Energies in F lose digits for small displacements: the rounding error of forces is that of the
+    moduli times the areas, about 1e-16 / |strain| relative to the forces.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def green_lagrange_strain(F: Any) -> Any:
 def engineering_strain(u: Any) -> Any:
     """Return the linear part of E, (grad u + grad u^T) / 2 (the paper's eq. 3-4) [-].
 
-    Not zero for a finite rotation.
+    It is not zero for a finite rotation.
     """
     return ufl.sym(ufl.grad(u))
 
@@ -80,26 +80,26 @@ def second_piola_kirchhoff_stress(E: Any, lmbda: Any, mu: Any) -> Any:
 
 
 def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
-    """W of a deformation gradient [J/m3], 0 at rest.
+    """Energy density W of a deformation gradient [J/m3], 0 at rest.
 
     Args:
-        F: Deformation gradient; det F > 0 but for the stable neo-Hookean laws.
-        law: Neither Saint-Venant-Kirchhoff's, which is written in E, nor one of stretches.
+        F: Deformation gradient; det F > 0 except for the stable neo-Hookean laws.
+        law: Neither Saint-Venant-Kirchhoff's, which is written in E, nor a law in stretches.
         lmbda: Lamé's first parameter at rest [Pa].
         mu: Shear modulus at rest [Pa].
-        c01: Of Mooney and Rivlin's law [Pa]; read by no other.
+        c01: Constant of Mooney and Rivlin's law [Pa]; other laws ignore it.
     """
     return _density(right_cauchy_green(F), ufl.det(F), law, lmbda, mu, c01)
 
 
 def shape_energy_density(E: Any, law: Law, mu: Any, c01: Any) -> Any:
-    """W of a Green strain [J/m3] with lmbda = 0, J the root of det C.
+    """Energy density W of a Green strain [J/m3] with lmbda = 0, J the root of det C.
 
     Args:
-        E: Symmetric, of any definite C = I + 2 E; need not be the strain of a displacement.
+        E: Symmetric with C = I + 2 E positive definite; need not be the strain of a displacement.
         law: See `energy_density`.
-        mu: See there.
-        c01: See there.
+        mu: See `energy_density`.
+        c01: See `energy_density`.
     """
     C = ufl.Identity(3) + 2 * E
     return _density(C, ufl.sqrt(ufl.det(C)), law, 0, mu, c01)
@@ -141,7 +141,7 @@ def first_piola_kirchhoff_stress(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any
 
 
 def volume_change(F: Any, law: Law) -> Any:
-    """g(J) of the law's lmbda/2 g(J)^2, all that lmbda has a part in: J - 1, or ln J."""
+    """Measure g(J) of the law's volumetric energy lmbda/2 g(J)^2: J - 1, or ln J."""
     J = ufl.det(F)
     return ufl.ln(J) if law.is_by_log_of_volume else J - 1
 
@@ -150,6 +150,6 @@ def quadrature_degree(degree: int) -> int:
     """Degree to which the virtual work is integrated for displacements of a polynomial degree.
 
     Exact for linear ones, where F is constant in a cell, and for the stable neo-Hookean law, whose
-    W is of degree 6 in F. The others are no polynomials: the same degree serves them.
+    W is of degree 6 in F. The others are not polynomials and are integrated with the same degree.
     """
     return 6 * (degree - 1)

@@ -1,4 +1,4 @@
-"""From one equilibrium to another in steps that adapt."""
+"""From one equilibrium to another in adaptive steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.meshes.arrays import Floats
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.newton import Newton, Outcome
 
-# The load at which equilibrium ends is found to this fraction of the full load.
+# The largest load with an equilibrium is found to this fraction of the full load.
 _SMALLEST_STEP = 1.0 / 1024.0
 # A first step whose linear solution has a larger gradient might jump to another branch.
 _LARGEST_FIRST_GRADIENT = 0.5
@@ -24,7 +24,7 @@ Report = Callable[[int, float, float], None]
 
 
 class Stage(Protocol):
-    """Equilibria by a parameter from 0 to 1, of a load or along a tool's path."""
+    """Equilibria as a function of a parameter from 0 to 1, of a load or along a tool's path."""
 
     def solve(self, start: Floats, parameter: float, *, report: Report | None = None) -> Outcome:
         """Iterate from a displacement to the equilibrium at a parameter."""
@@ -33,7 +33,7 @@ class Stage(Protocol):
         """Whether an equilibrium is stable."""
 
     def keep(self, displacement: Floats, parameter: float) -> None:
-        """Go on from a stable equilibrium: called once for each step of the way."""
+        """Accept a stable equilibrium as the start of the next step; called once per step."""
 
 
 def follow_load(
@@ -62,7 +62,7 @@ def follow(
     largest_step: float = 1.0,
     progress: Progress,
 ) -> Outcome:
-    """Go from 0 to 1; halve the step where Newton fails, double it where it is easy.
+    """Go from 0 to 1; halve the step where Newton fails, double it where it converges fast.
 
     Each step starts from the last equilibrium, or from the extrapolation of the last two where
     that inverts no cell.
@@ -71,11 +71,11 @@ def follow(
         stage: What changes with the parameter.
         sampler: Measures det F.
         start: Equilibrium at 0, flat [m].
-        step: The first one, in (0, 1].
-        guess: First iterate of the first step, flat [m]; none is `start`.
-        name: Of the parameter, for the log.
-        few_iterations: A step that takes no more linear solves was easy.
-        largest_step: In (0, 1].
+        step: First step of the parameter, in (0, 1].
+        guess: First iterate of the first step, flat [m]; None is `start`.
+        name: Name of the parameter, for the log.
+        few_iterations: A step with at most this many linear solves converged fast.
+        largest_step: Largest step of the parameter, in (0, 1].
         progress: Called with one line of text for every iteration.
     """
     path: list[tuple[float, Floats]] = [(0.0, start)]
@@ -83,7 +83,7 @@ def follow(
     iterations, residual = 0, 0.0
     while path[-1][0] < 1.0:
         last = path[-1][0]
-        # A little further rather than a small last step that costs a whole Newton iteration.
+        # A slightly longer step avoids a small last one that costs a whole Newton iteration.
         target = 1.0 if last + _LAST_STRETCH * step >= 1.0 else last + step
         outcome = stage.solve(
             _extrapolate(path, target, sampler) if guess is None else guess,
@@ -113,7 +113,7 @@ def follow(
 def _first_step(
     newton: Newton, sampler: DetFSampler, rest: Floats
 ) -> tuple[float, Floats | None, int]:
-    """Choose the first step by the size of the linear solution; that solution is its start."""
+    """Choose the first step by the size of the linear solution, which is its first iterate."""
     linear = newton.linearise(rest)
     if linear is None:
         return 1.0, None, 0

@@ -1,15 +1,13 @@
 """Loads and springs as virtual work in UFL; the full load, which the solver scales.
 
 Every load of one kind compiles to the same form, whatever its value or region, so nothing is
-compiled twice. A load whose direction follows the body has one form for statics, for pressures
-among the unknowns, and for motion. Of springs over patches of the surface, see
-`palpate.meshes.spring`,
+compiled twice. A load whose direction follows the body has one form for statics, for the mixed
+form and for motion. The virtual work of a spring over a patch of the surface is
 
-    W(u; v) = integral of kappa (d - u) . v over the patch,
+    W(u; v) = integral of kappa (d - u) . v over the patch    (see `palpate.meshes.spring`),
 
-kappa linear on each facet between its values at the vertices, whatever the degree of u; so the
-integral is exact. It is symmetric, and holds the patch by kappa more than nothing: a Robin
-condition.
+with kappa linear on each facet between its values at the vertices, whatever the degree of u, so
+that the integral is exact. It is a Robin condition, and its tangent is symmetric.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from palpate.reference.mesh_transfer import TransferredSpace, create_space
 class Loaded(Protocol):
     """A body: its space, displacement, test function and strain measure.
 
-    `unknown` is the function that `u` is of, pressures among it where they are apart.
+    `unknown` is the function of all unknowns: `u`, and the pressures of the mixed form.
     """
 
     space: TransferredSpace
@@ -48,16 +46,16 @@ class Loaded(Protocol):
 
 
 class FollowerLoad:
-    """The forces of a follower, and their derivative.
+    """The forces of a load that depends on the displacement, and their derivative.
 
     Args:
-        body: On which it acts.
+        body: The body on which it acts.
         work: Virtual work of the full load, as a UFL form [J].
     """
 
     def __init__(self, body: Loaded, work: Any) -> None:
         self._force = fenicsx.form(work)
-        # The tangent of R has the tangent of the load with a minus sign and a factor.
+        # R contains the load with a minus sign and a factor; so does the tangent.
         self._factor = fem.Constant(body.space.transferred.mesh, PETSc.ScalarType(0.0))
         trial = ufl.TrialFunction(body.unknown.function_space)
         change = ufl.derivative(work, body.unknown, trial)
@@ -76,18 +74,18 @@ class FollowerLoad:
 def apply_loads(body: Loaded, loads: Sequence[Load]) -> tuple[Floats, list[FollowerLoad]]:
     """Turn loads into nodal forces and followers.
 
-    Under linear strain a pressure acts on the rest surface, as in the linear theory, and is dead.
+    Under linear strain a pressure acts on the rest surface, as in the linear theory: a dead load.
 
     Args:
-        body: On which they act.
-        loads: What pushes.
+        body: The body on which they act.
+        loads: The loads.
 
     Returns:
         Nodal forces that do not depend on the displacement [N], flat over the body's space, and
-        each load that does.
+        the loads that do.
 
     Raises:
-        InputError: A value that is not finite.
+        InputError: A value is not finite.
     """
     space = body.space
     dead = np.zeros(3 * space.num_blocks)
@@ -120,7 +118,7 @@ def traction_work(space: TransferredSpace, load: Traction, v: Any, what: str) ->
     traction = _constant(space, load.traction, f"{what}: traction [Pa]")
     degree = space.degree
     if not load.is_uniform:
-        # One form for all that vary, whatever their values.
+        # All tractions that vary in space share one form, whatever their values.
         G = np.zeros((3, 3)) if load.gradient is None else load.gradient
         C = np.zeros((3, 3, 3)) if load.curvature is None else load.curvature
         X = ufl.SpatialCoordinate(mesh)
@@ -175,12 +173,12 @@ def _constant(space: TransferredSpace, values: Sequence[float], what: str) -> An
 class SpringForce(FollowerLoad):
     """The forces of a spring on a body, and their derivative.
 
-    The anchor is where the spring's path ends, until `move_to` says otherwise.
+    The anchor is at the end of the spring's path until `move_to` is called.
 
     Args:
-        body: That it holds.
-        spring: Which.
-        what: "spring 2": for messages.
+        body: The body that the spring is attached to.
+        spring: The spring.
+        what: Its name in messages, such as "spring 2".
     """
 
     def __init__(self, body: Loaded, spring: Spring, what: str) -> None:
@@ -195,15 +193,15 @@ class SpringForce(FollowerLoad):
 
     @property
     def is_steady(self) -> bool:
-        """Whether its stiffness never changes."""
+        """Whether its stiffness is constant in time."""
         return self._amplitude is None
 
     def factor(self, time: float) -> float:
-        """On its stiffness [-]."""
+        """Factor on its stiffness at a time [s] [-]."""
         return 1.0 if self._amplitude is None else self._amplitude(time)
 
     def move_to(self, time: float) -> None:
-        """Have the anchor where it is at a time [s]."""
+        """Move the anchor to its position at a time [s]."""
         self._anchor.value[:] = [component(time) for component in self._path]
 
 
@@ -220,7 +218,7 @@ def _density(space: TransferredSpace, spring: Spring) -> Any:
 
 
 def spring_forces(body: Loaded, springs: Sequence[Spring]) -> list[SpringForce]:
-    """Each of a problem's springs on a body."""
+    """The forces of each of a problem's springs on a body."""
     return [
         SpringForce(body, spring, f"spring {number} (Spring)")
         for number, spring in enumerate(springs, start=1)
