@@ -54,7 +54,7 @@ Vector = tuple[Number, Number, Number]
 
 
 def _usable(value: Any) -> Any:
-    """Refuse what cannot be written out as JSON, with the place where it stands."""
+    """Refuse what cannot be written out as JSON, with the path to it."""
     _require_usable(value, ())
     return value
 
@@ -98,18 +98,18 @@ class BoxRegion(Table):
     """Between two corners, in the case's length unit."""
 
     min: Vector
-    """Its lowest corner [units.length]."""
+    """Lowest corner [units.length]."""
     max: Vector
-    """Its highest corner [units.length]."""
+    """Highest corner [units.length]."""
 
 
 class BallRegion(Table):
     """Within a radius of a centre."""
 
     center: Vector
-    """[units.length]."""
+    """Centre [units.length]."""
     radius: Positive
-    """[units.length]."""
+    """Radius [units.length]."""
 
 
 class HalfSpaceRegion(Table):
@@ -133,7 +133,7 @@ class RegionSpec(Table):
     group: str | None = None
     """What the mesh file gives a name: facets; of some keys cells or single points."""
     nearest: Vector | None = None
-    """The one point nearest to this place [units.length]; stands alone."""
+    """The one point of the boundary nearest to this position [units.length]; stands alone."""
 
     @model_validator(mode="after")
     def _says_something(self) -> RegionSpec:
@@ -168,13 +168,13 @@ class GeometrySpec(Table):
     """Exactly one of a built-in shape, a surface file or a mesh file."""
 
     shape: ShapeName | None = None
-    """A built-in shape, in place of a file; an octant has x, y, z >= 0, for symmetry planes."""
+    """A built-in shape, instead of a file; an octant has x, y, z >= 0, for symmetry planes."""
     surface: str | None = None
     """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu."""
     mesh: str | None = None
-    """A mesh of tetrahedra beside this file, in place of a surface: .msh, .vtk, .vtu."""
+    """A mesh of tetrahedra beside this file, instead of a surface: .msh, .vtk, .vtu."""
     repair: Flag = False
-    """Repair the surface; what was done stands in the report."""
+    """Whether to repair the surface; the report says what was changed."""
     repair_distance: Positive | None = None
     """How far it may move where it cuts itself [units.length]; two mean edges where not said."""
     largest_hole: Annotated[Count, Field(ge=0)] = LARGEST_HOLE
@@ -182,21 +182,21 @@ class GeometrySpec(Table):
     smallest_shell: NotNegative = 0.0
     """Loose parts whose box is shorter are dropped [units.length]."""
     wrap: Positive | None = None
-    """A new closed surface around it, at most this far away, in place of repair [units.length]."""
+    """A new closed surface around it, at most this far away, instead of repair [units.length]."""
     size: Vector | None = None
-    """Of a box along x, y, z [units.length]."""
+    """Lengths of a box along x, y, z [units.length]."""
     length: Positive | None = None
-    """Of a beam, along x [units.length]."""
+    """Length of a beam, along x [units.length]."""
     width: Positive | None = None
-    """Of a beam, along y [units.length]."""
+    """Width of a beam, along y [units.length]."""
     height: Positive | None = None
-    """Of a beam, a cylinder or a tube, along z [units.length]."""
+    """Height of a beam, a cylinder or a tube, along z [units.length]."""
     radius: Positive | None = None
-    """Of a cylinder or a sphere, outside of what is hollow [units.length]."""
+    """Radius of a cylinder or a sphere, the outer one of hollow shapes [units.length]."""
     inner_radius: Positive | None = None
-    """Of what is hollow, below the radius [units.length]."""
+    """Inner radius of hollow shapes, below the radius [units.length]."""
     edge_length: Positive | None = None
-    """Of a shape's facets [units.length]."""
+    """Edge length of a shape's facets [units.length]."""
 
     @model_validator(mode="after")
     def _is_one_thing(self) -> GeometrySpec:
@@ -222,11 +222,11 @@ class GradeSpec(Table):
     """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
 
     point: Vector | None = None
-    """The place with the smallest cells [units.length]."""
+    """The position of the smallest cells [units.length]."""
     ball: BallRegion | None = None
-    """Or all of a ball."""
+    """A ball whose cells are the smallest, instead of a point."""
     boundary: Flag = False
-    """Or all of the boundary."""
+    """Whether the smallest cells are along the whole boundary, instead of at a point."""
     smallest: Positive
     """Edge length there [units.length]."""
     growth: Positive = 0.5
@@ -240,12 +240,12 @@ class GradeSpec(Table):
 
 
 class MeshSpec(Table):
-    """Who fills a surface, and how finely."""
+    """The program that fills a surface, and how finely it does so."""
 
     mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
-    """Who fills the surface; auto is fastsim's mesher, and gmsh where that gives up."""
+    """The program; auto is fastsim's mesher, and gmsh where that gives up."""
     edge_length: Positive | None = None
-    """Wanted inside [units.length]; the mean of the surface's where nothing is said."""
+    """Wanted edge length inside [units.length]; the mean of the surface's where nothing is said."""
     interior: Literal["uniform", "graded"] = "uniform"
     """Or cells that grow from the surface inwards, to edge_length or eight of its mean edges."""
     boundary: Literal["kept", "free"] = "kept"
@@ -282,27 +282,27 @@ class MaterialSpec(Table):
     poissons_ratio: Number | None = None
     """Poisson's ratio at rest [-], between -1 and 0.5; linear cells lock near 0.5."""
     density: Number = 1000.0
-    """[units.density], above 0; matters for weight and motion."""
+    """Density [units.density], above 0; matters for weight and motion."""
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
-    """For strain = "green"; with "linear" all are Hooke's law. Inclusions follow their body's."""
+    """For strain = "green"; under "linear" all are Hooke's law. Inclusions follow their body's."""
     c10: Number | None = None
     """mooney-rivlin takes this and the next two, not moduli; so does -log [units.stress]."""
     c01: Number | None = None
-    """[units.stress]; 2 (c10 + c01) is the shear modulus."""
+    """Second constant [units.stress]; 2 (c10 + c01) is the shear modulus."""
     bulk_modulus: Number | None = None
-    """[units.stress], above 0."""
+    """Bulk modulus [units.stress], above 0."""
     mu_1: Number | None = None
     """ogden takes bulk_modulus and one to three such pairs [units.stress]."""
     alpha_1: Number | None = None
-    """Its exponent [-]; half the sum of mu alpha is the shear modulus, above 0."""
+    """Exponent of the first term [-]; half the sum of mu alpha is the shear modulus, above 0."""
     mu_2: Number | None = None
-    """Of the second term [units.stress]."""
+    """Modulus of the second term [units.stress]."""
     alpha_2: Number | None = None
-    """Its exponent [-]."""
+    """Exponent of the second term [-]."""
     mu_3: Number | None = None
-    """Of the third term [units.stress]."""
+    """Modulus of the third term [units.stress]."""
     alpha_3: Number | None = None
-    """Its exponent [-]."""
+    """Exponent of the third term [-]."""
 
     @model_validator(mode="after")
     def _has_its_constants(self) -> MaterialSpec:
@@ -331,9 +331,9 @@ class InclusionSpec(Table):
     region: RegionSpec | None = None
     """A box, a ball or a half_space, for cells whose centroid lies in it; or a group of cells."""
     surface: str | None = None
-    """A closed surface beside this file, in the place of a region: its facets are in the mesh."""
+    """A closed surface beside this file, instead of a region: its facets are in the mesh."""
     material: MaterialSpec
-    """Of those cells."""
+    """Material of those cells."""
 
     @model_validator(mode="after")
     def _chooses_cells(self) -> InclusionSpec:

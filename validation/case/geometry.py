@@ -85,7 +85,7 @@ class LoadedSurface:
         surface: [m].
         notes: For people, lengths in metres.
         groups: Facets by their number: what closes holes is "cap 1", "cap 2", ...
-        path: Of the file; None of a shape.
+        path: Path of the file; None for a built-in shape.
         is_as_given: Whether facets have the file's numbers.
         given: Coordinates as they stand in the file, shape (num_given, 3).
     """
@@ -113,7 +113,7 @@ def load_surface(
         path: The surface file; named in every message.
         scale: Metres per unit of the file.
         repair: What may be done to it; None nothing.
-        wrap: How far a new surface around it may lie [m], in the place of repair; None makes none.
+        wrap: How far a new surface around it may lie [m], instead of repair; None makes none.
 
     Raises:
         InputError: It cannot be read, or bounds no solid.
@@ -168,7 +168,7 @@ def advised(
     """Say what is wrong with a surface by its file's numbers and positions, and what repairs it.
 
     Args:
-        path: Of the file; nothing is added where None.
+        path: Path of the file; nothing is added where None.
         surface: As read or as repaired [m].
         is_as_given: Whether its facets are the file's.
         notes: What was found or done before.
@@ -210,7 +210,7 @@ def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurf
 
     Args:
         error: With the surfaces' names.
-        bodies: By name.
+        bodies: The surfaces by name.
     """
     labels = {name: name if b.path is None else b.path.name for name, b in bodies.items()}
     found = []
@@ -235,7 +235,7 @@ def require_countable(extents: Sequence[float], edge_length: float) -> None:
     """Refuse a size that asks for more cells or facets than anybody can hold, before any is made.
 
     Args:
-        extents: Of a box around the body [m], three.
+        extents: Lengths of a box around the body [m], three.
         edge_length: [m], > 0.
 
     Raises:
@@ -275,7 +275,7 @@ _MAKERS: dict[str, Any] = {
 
 
 def _extents(shape: str, sizes: list[Any]) -> Sequence[float]:
-    """Of a box around a built-in shape [m]."""
+    """Lengths of a box around a built-in shape [m]."""
     match shape, sizes:
         case "box", [size]:
             extents: Sequence[float] = size

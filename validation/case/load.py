@@ -88,7 +88,7 @@ def _choice(value: Any, known: list[str]) -> str:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    """The word that was meant, as a question; empty where nobody can tell."""
+    """The word that was meant, as a question; empty where no known word is near."""
     near = difflib.get_close_matches(word, known, n=1)
     near = near or difflib.get_close_matches(word.lower(), known, n=1)
     near = near or [key for key, others in _ALSO_CALLED.items() if word.lower() in others]
@@ -96,7 +96,7 @@ def _suggestion(word: str, known: list[str]) -> str:
 
 
 _MOST_SHOWN = 60
-# What others call a key of ours, where the spelling does not tell.
+# What others call one of our keys, where its spelling gives no hint.
 _ALSO_CALLED = {
     "edge_length": (
         "size", "h", "mesh_size", "element_size", "cell_size", "max_size", "resolution", "hmax",
@@ -118,7 +118,7 @@ _LOADS: dict[str, type[BaseModel]] = {
 
 
 def _is_tag(index: int, loc: tuple[int | str, ...]) -> bool:
-    """Pydantic puts the kind of a load into the place: load.0.force.region."""
+    """Pydantic adds the kind of a load to the path of an error: load.0.force.region."""
     return index == 2 and loc[0] == "load" and loc[index] in _LOADS
 
 
@@ -141,7 +141,7 @@ def _siblings(loc: tuple[int | str, ...]) -> list[str]:
 
 
 def _line_of(source: str, place: list[int | str]) -> int:
-    """The line where the deepest part of a place stands; 1 when it cannot be found."""
+    """The line of the deepest part of a path that is found; 1 where none is."""
     lines = source.splitlines()
     start = 0
     best = 1
@@ -169,7 +169,7 @@ _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def builtin_folder() -> Path:
-    """Where the built-in cases and their meshes are."""
+    """The folder of the built-in cases and their meshes."""
     return Path(str(resources.files("palpate.validation"))) / "cases"
 
 
@@ -211,7 +211,7 @@ def load_case(name_or_path: str | Path) -> Case:
 
 
 def load_cases(names: Sequence[str]) -> list[Case]:
-    """Read several cases, whose names tell their results apart.
+    """Read several cases; their names distinguish their results.
 
     Raises:
         CaseError: See `load_case`; or two cases of one name.
@@ -233,10 +233,10 @@ class Case:
     """A case file that was read; mesh and problem are built when first asked for.
 
     Attributes:
-        path: Of the file.
-        spec: What it says.
-        text: As it was read: a simulator may change the file while it is judged.
-        other_law: Its body follows this law in the place of its own; see `under`.
+        path: Path of the file.
+        spec: The tables of the file.
+        text: Its text as it was read: a simulator may change the file while it is judged.
+        other_law: A law that the body follows instead of the case's own; see `under`.
     """
 
     path: Path
@@ -252,8 +252,8 @@ class Case:
     def under(self, law: Law) -> Case:
         """The same case of a body with the same moduli at rest that follows another law.
 
-        Published numbers are of the case's own law: they are not checked. No stored reference is
-        of it either.
+        Published numbers are of the case's own law: they are not checked. No stored reference
+        exists for it either.
 
         Raises:
             InputError: The law has constants that the case does not give.
@@ -268,7 +268,7 @@ class Case:
 
     @property
     def folder(self) -> Path:
-        """Where the file lies; its paths may not leave it."""
+        """The folder of the file; paths in the file may not leave it."""
         return self.path.parent
 
     @property
@@ -306,7 +306,7 @@ class Case:
 
     @property
     def checks(self) -> Sequence[CheckSpec]:
-        """What is judged."""
+        """The checks of the case; without those of published numbers under another law."""
         if self.other_law is None:
             return self.spec.check
         return tuple(check for check in self.spec.check if not check.about.is_published)
@@ -331,7 +331,7 @@ class Case:
 
         Raises:
             InputError: A region that selects nothing, a body that floats, a bad value, a check
-                at a place where the mesh has no point, or of a part that is not there.
+                at a position where the mesh has no point, or of a part that is not there.
         """
         from palpate.validation.case.problem import build_problem
 

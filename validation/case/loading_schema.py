@@ -26,9 +26,9 @@ class TimeSpec(Table):
     """The time axis of a dynamic case; times in s."""
 
     end_time: Positive
-    """[s]."""
+    """End of the motion [s]."""
     time_step: Positive | None = None
-    """[s]; only for checks on the same mesh, where all take the same steps."""
+    """Time step [s]; only for checks on the same mesh, where all take the same steps."""
     mass_damping: NotNegative = 0.0
     """lambda in D = lambda M [1/s]."""
     stiffness_damping: NotNegative = 0.0
@@ -41,11 +41,11 @@ class StartSpec(Table):
     """Velocity at the start, that of a rigid body: velocity + angular_velocity x (X - center)."""
 
     velocity: Vector = (0.0, 0.0, 0.0)
-    """At the center [units.length per s]."""
+    """Velocity of the center [units.length per s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
-    """[rad/s]."""
+    """Angular velocity [rad/s]."""
     center: Vector = (0.0, 0.0, 0.0)
-    """[units.length]."""
+    """The point that moves with `velocity` [units.length]."""
 
 
 class AmplitudeSpec(Table):
@@ -56,7 +56,7 @@ class AmplitudeSpec(Table):
     factors: tuple[Number, ...] = Field(min_length=1)
     """Factor at each knot [-]."""
     smooth: Flag = False
-    """Steps that hardly ring, in place of straight lines."""
+    """Smooth steps that hardly excite oscillations, instead of straight lines."""
 
 
 class RotationSpec(Table):
@@ -65,7 +65,7 @@ class RotationSpec(Table):
     axis: Vector
     """Direction, through the tool's origin."""
     angle_deg: Number
-    """[degrees]."""
+    """Angle [degrees]."""
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> RotationSpec:
@@ -75,25 +75,25 @@ class RotationSpec(Table):
 
 
 class PoseSpec(Table):
-    """Where the tool is at a time [s]."""
+    """Position and rotation of the tool at a time [s]."""
 
     time: Number
-    """[s]; in statics a load parameter, of which the last counts."""
+    """Time [s]; in statics a load parameter, of which the last counts."""
     position: Vector
-    """Of the tool's origin [units.length]."""
+    """Position of the tool's origin [units.length]."""
     rotation: RotationSpec | None = None
-    """Its turn from the frame it is described in."""
+    """Rotation from the frame that the tool is described in."""
 
 
 class DriveSpec(Table):
     """The tool is pushed along a direction by a force."""
 
     direction: Vector
-    """Unit vector."""
+    """Unit vector of the force."""
     force: Number
-    """Along it [units.force]."""
+    """Force along the direction [units.force]."""
     mass: Positive
-    """Of the tool [kg]."""
+    """Mass of the tool [kg]."""
     amplitude: AmplitudeSpec = AmplitudeSpec(times=(0.0,), factors=(1.0,))
     """Factor of the force over time."""
 
@@ -104,21 +104,21 @@ class ToolSpec(Table):
     shape: Literal["sphere", "capsule", "box", "plane", "surface"]
     """A capsule lies along the tool's z axis; a plane is its half space z <= 0."""
     radius: Positive | None = None
-    """Of a sphere or a capsule [units.length]."""
+    """Radius of a sphere or a capsule [units.length]."""
     half_length: Positive | None = None
-    """Of a capsule, from the origin to the centre of an end [units.length]."""
+    """From the origin to the centre of a capsule's end [units.length]."""
     half_widths: tuple[Positive, Positive, Positive] | None = None
-    """Of a box [units.length]."""
+    """Half the widths of a box [units.length]."""
     surface: str | None = None
     """A closed surface beside this file, in the tool's frame."""
     pose: tuple[PoseSpec, ...] = Field(min_length=1)
-    """Where it is over time, straight from one pose to the next."""
+    """Position and rotation over time, linear from one pose to the next."""
     smooth: Flag = False
-    """Resting at every pose, its speed without jumps, in the place of constant speeds."""
+    """Smooth motion that comes to rest at every pose, not at constant speeds."""
     drive: DriveSpec | None = None
-    """Pushed by a force in place of following the poses; then one pose says where it starts."""
+    """A force that pushes the tool instead of following the poses; one pose is its start."""
     friction_coefficient: NotNegative = 0.0
-    """Coulomb's [-]."""
+    """Coulomb's coefficient of friction [-]."""
     region: RegionSpec | None = None
     """The part of the boundary that may touch; all of it where nothing is said."""
 
@@ -146,10 +146,10 @@ def as_list(value: Any) -> Any:
 
 
 class OverTime(Table):
-    """What acts from the start, or by a factor over time."""
+    """Anything that acts from the start, or by a factor over time."""
 
     amplitude: AmplitudeSpec | None = None
-    """Its factor over time; statics take it as 1."""
+    """Factor over time; statics take it as 1."""
 
 
 class TurnSpec(RotationSpec):
@@ -160,24 +160,24 @@ class TurnSpec(RotationSpec):
     center: Vector
     """A point on the axis [units.length]."""
     angle_deg: Number
-    """At full size [degrees]; more than a whole turn is one."""
+    """Angle at full size [degrees]; it may exceed a whole turn."""
 
 
 class SupportSpec(OverTime):
     """What is fixed or moved: by component, turned, or along a normal alone."""
 
     region: RegionSpec
-    """What is fixed."""
+    """The part of the boundary that is fixed."""
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     """Which components are fixed."""
     sliding: Flag = False
     """Fixed along the normal of its face only, which has to be flat: a symmetry plane."""
     normal: Vector | None = None
-    """Or fixed along this direction only, of any length; free to slide across it."""
+    """Direction along which alone it is fixed, of any length; free to slide across it."""
     displacement: Vector = (0.0, 0.0, 0.0)
-    """Where that part is moved to [units.length]; of what slides, its part along the normal."""
+    """Displacement of that part [units.length]; where it slides, along the normal only."""
     rotation: TurnSpec | None = None
-    """Turns that part besides; all components are fixed then."""
+    """Rotation of that part besides; all components are then fixed."""
 
     @model_validator(mode="after")
     def _holds_in_one_way(self) -> SupportSpec:
@@ -198,21 +198,21 @@ class ForceSpec(OverTime):
     kind: Literal["force"]
     """A total force, spread evenly over the region's area."""
     region: RegionSpec
-    """What is pushed."""
+    """The part of the boundary that is pushed."""
     force: Vector
-    """In all [units.force]."""
+    """Total force [units.force]."""
 
 
 _OF_LIQUIDS = ("density", "free_surface", "gravity")
 
 
 class TractionAt(Table):
-    """Force per rest area at a place."""
+    """Force per rest area at a position."""
 
     at: Vector
-    """The place [units.length]; it need not lie on the face."""
+    """The position [units.length]; it need not lie on the face."""
     traction: Vector
-    """[units.stress]."""
+    """Force per rest area [units.stress]."""
 
 
 class TractionSpec(OverTime):
@@ -221,23 +221,23 @@ class TractionSpec(OverTime):
     kind: Literal["traction"]
     """Force per rest area."""
     region: RegionSpec
-    """What is pushed."""
+    """The part of the boundary that is pushed."""
     traction: Vector | None = None
-    """[units.stress]; with a profile along a line, where that is 1. In place of values."""
+    """Force per rest area [units.stress]; with a profile, where that is 1. Instead of values."""
     profile: Profile | None = None
     """From start to end, s from 0 to 1: linear is s, parabolic 4 s (1 - s); or of a liquid."""
     start: Vector | None = None
-    """Of a profile: where s = 0 [units.length]."""
+    """Start of a profile, where s = 0 [units.length]."""
     end: Vector | None = None
-    """Of a profile: where s = 1 [units.length]."""
+    """End of a profile, where s = 1 [units.length]."""
     density: Positive | None = None
-    """Of the liquid of a hydrostatic profile [units.density]."""
+    """Density of the liquid of a hydrostatic profile [units.density]."""
     gravity: Vector | None = None
-    """Of a hydrostatic profile [m/s2], whatever the units."""
+    """Gravity of a hydrostatic profile [m/s2], whatever the units."""
     free_surface: Vector | None = None
-    """Of a hydrostatic profile: a place where its pressure is 0 [units.length]."""
+    """A position where a hydrostatic profile has pressure 0 [units.length]."""
     values: tuple[TractionAt, ...] = Field(default=(), max_length=4)
-    """Or its values at 1 to 4 places, affine in between and beyond."""
+    """The traction at 1 to 4 positions instead, affine in between and beyond."""
 
     @model_validator(mode="after")
     def _says_it_once(self) -> TractionSpec:
@@ -274,7 +274,7 @@ class MomentSpec(OverTime):
     region: RegionSpec
     """The face that it acts on; c is its centroid, a follows from its second moments."""
     moment: Vector
-    """[units.force times units.length]; dead: cos(angle) of it is left where the face turns."""
+    """Moment [units.force times units.length]; dead: cos(angle) is left where the face turns."""
 
 
 class PressureSpec(OverTime):
@@ -283,9 +283,9 @@ class PressureSpec(OverTime):
     kind: Literal["pressure"]
     """A pressure that follows the surface."""
     region: RegionSpec
-    """What is pressed."""
+    """The part of the boundary that is pressed."""
     pressure: Number
-    """Above 0 pushes inwards [units.stress]."""
+    """Pressure [units.stress]; above 0 it pushes inwards."""
 
 
 class GravitySpec(OverTime):
@@ -294,46 +294,46 @@ class GravitySpec(OverTime):
     kind: Literal["gravity"]
     """Weight."""
     acceleration: Vector
-    """[m/s2], whatever the units."""
+    """Acceleration [m/s2], whatever the units."""
 
 
 class PointForceSpec(OverTime):
-    """A force on the point nearest to a place, or on each of a group of points."""
+    """A force on the point nearest to a position, or on each of a group of points."""
 
     kind: Literal["point_force"]
-    """A force on single points; has no truth to converge to."""
+    """A force on single points; there is no truth that it converges to."""
     region: RegionSpec
-    """Its `nearest` chooses a point, or its `group` several."""
+    """Chooses one point by `nearest`, or several by `group`."""
     force: Vector
-    """On each [units.force]."""
+    """Force on each point [units.force]."""
 
 
 class AnchorSpec(Table):
-    """Where the anchor of a spring is at a time."""
+    """Position of a spring's anchor at a time."""
 
     time: Number
-    """[s]."""
+    """Time [s]."""
     displacement: Vector
-    """From where it is with the body at rest [units.length]."""
+    """Displacement from the position with the body at rest [units.length]."""
 
 
 class SpringSpec(OverTime):
-    """A spring over a patch of the surface, as of a hand or forceps, pulled by a moved anchor."""
+    """A spring over a patch of the surface, as by forceps, pulled by a moved anchor."""
 
     amplitude: AmplitudeSpec | None = None
     """Factor over time on its stiffness, 0 (let go) to 1; statics take it as 1."""
     center: Vector
-    """Of the patch, on the surface at rest [units.length]."""
+    """Centre of the patch, on the surface at rest [units.length]."""
     radius: Positive
-    """Of the patch; its weight falls smoothly to 0 there [units.length]."""
+    """Radius of the patch; the spring's weight falls smoothly to 0 there [units.length]."""
     stiffness: Positive
-    """Of the whole patch [units.force per units.length]."""
+    """Stiffness of the whole patch [units.force per units.length]."""
     displacement: Vector | None = None
-    """Of the anchor, from the start on [units.length]; or a path."""
+    """Displacement of the anchor from the start on [units.length]; or a path."""
     path: tuple[AnchorSpec, ...] = ()
-    """Of the anchor over time, straight from one place to the next; statics take its end."""
+    """Positions of the anchor over time, linear in between; statics take the last one."""
     smooth: Flag = False
-    """Resting at every place of the path, in the place of constant speeds."""
+    """Smooth motion that comes to rest at every position of the path, not at constant speeds."""
 
     @model_validator(mode="after")
     def _moves_in_one_way(self) -> SpringSpec:

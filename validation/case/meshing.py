@@ -70,12 +70,12 @@ class BuiltMesh:
 
 @dataclass(frozen=True)
 class Filling:
-    """What is not the case's: who waits, until when, and for what time step.
+    """Settings that are not of the case: progress, time limit, and the wanted time step.
 
     Attributes:
         progress: Called with a line for each stage.
         time_limit: Seconds; None is no limit.
-        began: When they began to count, by the monotonic clock [s].
+        began: When the time began to count, by the monotonic clock [s].
         target: A material, and the time step that explicit runs want [s]; fastsim's mesher only.
     """
 
@@ -164,16 +164,16 @@ def fill_loaded(
 ) -> BuiltMesh:
     """Fill a surface with tetrahedra: better facets first, where asked for.
 
-    A mesh that keeps its facets is graded by bisection afterwards; with a free boundary fastsim's
+    A mesh with the given facets is graded by bisection afterwards; with a free boundary fastsim's
     mesher makes it graded from the start. With inclusions one mesh has the facets of all surfaces.
 
     Args:
         loaded: Bounds a solid [m]. The groups of its facets become those of the facets of the
             mesh's boundary that lie there, whatever became of the given ones.
-        spec: Who fills it, and how finely.
+        spec: The case's settings: which mesher, and how finely.
         units: Of the lengths in `spec`.
         inclusions: Surfaces in the body, or beside it, whose names become groups of cells.
-        how: What is not the case's: who waits, and for what step.
+        how: Settings that are not of the case; see `Filling`.
 
     Raises:
         InputError: A surface that bounds no solid, surfaces that cut each other, no mesher that
@@ -337,9 +337,9 @@ def _groups_by_position(
     """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others.
 
     Args:
-        mesh: Of the surface, facets kept, cut or replaced nearby.
-        surface: [m].
-        groups: Its facets by name.
+        mesh: A mesh of the surface; its facets are the given ones, cut, or replaced nearby.
+        surface: The surface [m].
+        groups: Facets of the surface by name.
     """
     centres = mesh.points[mesh.boundary_facets].mean(axis=1)
     found = {}

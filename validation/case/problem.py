@@ -82,7 +82,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
 
     Args:
         spec: The case's tables.
-        folder: Where the case file lies: a tool's surface is read from there.
+        folder: Folder of the case file: a tool's surface is read from there.
         mesh: The case's mesh [m].
 
     Raises:
@@ -109,7 +109,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
 
 
 class _Builder:
-    """One table at a time, with the units and the mesh at hand."""
+    """Builds one table at a time, with the case's units and mesh."""
 
     def __init__(self, units: Units, mesh: TetMesh) -> None:
         self.units, self.mesh = units, mesh

@@ -33,7 +33,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 
     Args:
         mesh: The mesh [m].
-        region: In the case's units.
+        region: The region, in the case's units.
         units: The case's units.
         what: "support 1", "load 2": for messages.
 
@@ -58,7 +58,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
     """Cells whose centroid lies in a box, ball or half space, and that are in a group, (n,).
 
-    Of a group of facets, the cells that have one.
+    Of a group of facets, the cells that have one of them.
 
     Raises:
         EmptyRegionError: Nothing is selected; the message gives the body's extent.
@@ -119,7 +119,7 @@ def chooses_points(mesh: TetMesh, region: RegionSpec) -> bool:
 
 
 def single_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """The boundary point nearest to the region's place, or its group of single points, (n,)."""
+    """The boundary point nearest to the region's position, or its group of single points, (n,)."""
     if region.group is not None and chooses_points(mesh, region):
         return select_points(mesh, region, units, what)
     if region.nearest is None:
@@ -160,11 +160,11 @@ def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float
 
 
 def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
-    """Index of the mesh's point at a place.
+    """Index of the mesh's point at a position.
 
     Args:
         mesh: The mesh [m].
-        place: In the case's units.
+        place: The position, in the case's units.
         units: The case's units.
         what: "check 1": for messages.
 
@@ -197,7 +197,7 @@ def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> 
 
 
 def _shown(place: NDArray[np.float64], units: Units) -> list[float]:
-    """A place in the case's unit, with the digits that a person types."""
+    """A position in the case's unit, with the digits that a person types."""
     return [float(f"{float(x) / units.metres(1.0):.6g}") for x in place]
 
 

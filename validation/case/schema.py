@@ -100,21 +100,21 @@ class CheckSpec(Table):
     precision: Precision | None = None
     """"single" raises the limit to what float32 does; the case's where nothing is said."""
     at: Vector | None = None
-    """Of what is published: the point of the mesh [units.length]."""
+    """Position of a published number: a point of the mesh [units.length]."""
     component: ComponentName | None = None
-    """Of what is published: which component; the last eight of a stress."""
+    """Component of a published number; the last eight are of a stress."""
     quantity: Literal["amplitude", "frequency", "damping", "mean"] | None = None
-    """Of a published_oscillation."""
+    """The quantity that a published_oscillation compares."""
     expected: Number | None = None
     """The published number, in the case's units, Hz or 1/s; the reason names its source."""
     uncertainty: NotNegative | None = None
-    """Of the published or measured number, in its unit; counts in the verdict like an error bar."""
+    """Uncertainty of the published or measured number, in its unit; counts like an error bar."""
     region: RegionSpec | None = None
-    """Of stress: cells looked at, away from clamped edges; of traction_resultant: one side."""
+    """For stress: cells compared, away from clamped edges; for traction_resultant: one side."""
     support: Annotated[Count, Field(ge=1)] | None = None
-    """Whose force: the number of a [[support]], from 1; of a traction_resultant or a region."""
+    """Number from 1 of the [[support]] whose force counts; traction_resultant: this or region."""
     tool: Annotated[Count, Field(ge=1)] | None = None
-    """Of a published_tool_force: the number of a [[tool]], from 1."""
+    """Number of the [[tool]] of a published_tool_force, from 1."""
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -157,7 +157,7 @@ class CheckSpec(Table):
             raise ValueError("expected = 0 gives no scale; choose another component or place")
 
     def _looks_somewhere(self) -> None:
-        """Raise ValueError where a part of the body is missing, or given where it has no place."""
+        """Raise ValueError where a part of the body is missing, or given but not used."""
         about = self.about
         takes_support = about.is_of_surface or "support" in about.asks
         if self.support is not None and not takes_support:
@@ -185,7 +185,7 @@ class CheckSpec(Table):
 
     @property
     def about(self) -> Metric:
-        """What the catalogue says of its metric."""
+        """The metric's entry in the catalogue."""
         return CATALOGUE[self.metric]
 
     @property
@@ -202,26 +202,26 @@ class TruthSpec(Table):
     """What the stored truth is to be, and of which body; bar and budget are those of statics."""
 
     bar: Annotated[Number, Field(gt=0.0)] = 0.005
-    """Error bar that is small enough, of every metric checked against the truth [-]."""
+    """Error bar that is small enough, for every metric checked against the truth [-]."""
     minutes: Annotated[Number, Field(gt=0.0)] = 15.0
-    """No finer mesh is begun that would take longer, for each strain measure [min]."""
+    """No finer mesh is begun that would take longer than this, for each strain measure [min]."""
     memory: Annotated[Number, Field(gt=0.0)] = 8.0
-    """Nor one that would need more than this [GB]."""
+    """No finer mesh is begun that would need more memory than this [GB]."""
     surface: str | None = None
     """A finer surface of the body beside this file: what it changes is reported with the bars."""
     geometry_distance: Positive | None = None
-    """Or how far the true surface may be from the mesh's [units.length]."""
+    """How far the true surface may be from the mesh's, where no surface is given [units.length]."""
 
 
 class EvidenceSpec(Table):
     """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
 
     question: str = ""
-    """What the simulation shall answer."""
+    """The question that the simulation shall answer."""
     context_of_use: str = ""
-    """Where the result is used, and beside what other evidence."""
+    """Where the result is used, and with what other evidence."""
     quantities_of_interest: str = ""
-    """What is read from it."""
+    """The quantities that are read from the result."""
     applicability: str = ""
     """How near the case is to its use."""
     model_influence: Literal["low", "medium", "high"] | None = None
@@ -250,11 +250,11 @@ class CaseSpec(Table):
     geometry: GeometrySpec
     """The body: exactly one of shape, surface and mesh."""
     mesh: MeshSpec = MeshSpec()
-    """Who fills a shape or surface, and how finely."""
+    """The program that fills a shape or surface, and how finely."""
     material: MaterialSpec
-    """Of the body."""
+    """Material of the body."""
     support: tuple[SupportSpec, ...] = ()
-    """What is fixed; the body may not float."""
+    """Parts of the boundary that are fixed; the body may not float."""
     load: tuple[LoadSpec, ...] = ()
     """What pushes."""
     spring: tuple[SpringSpec, ...] = ()
@@ -266,7 +266,7 @@ class CaseSpec(Table):
     time: TimeSpec | None = None
     """Makes the case a motion, from rest or with an initial_velocity; statics without."""
     initial_velocity: StartSpec | None = None
-    """Of a motion; what is fixed starts as its support does. Free bodies need no support."""
+    """Velocity at the start of a motion, except where supports fix. Free bodies need no support."""
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
     truth: TruthSpec = TruthSpec()

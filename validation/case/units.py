@@ -1,4 +1,4 @@
-"""Units of a case, turned into SI once, at the door."""
+"""Units of a case, turned into SI once, where the case is read."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Units(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     length: Literal["m", "cm", "mm"] = "m"
-    """Of every length, and of the surface or mesh file."""
+    """Unit of every length, and of the surface or mesh file."""
     force: Literal["N", "mN", "kN"] = "N"
-    """Of every force."""
+    """Unit of every force."""
     stress: Literal["Pa", "kPa", "MPa"] = "Pa"
-    """Of moduli, tractions and pressures."""
+    """Unit of moduli, tractions and pressures."""
     density: Literal["kg/m3", "g/cm3"] = "kg/m3"
-    """Of densities."""
+    """Unit of densities."""
 
     def metres(self, value: float) -> float:
         """Turn a length into metres."""

@@ -213,8 +213,8 @@ def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: boo
     Args:
         body: Beside the case file to be, or below it.
         target: The case file to be.
-        unit: Of the file: m, cm or mm.
-        repair: Mend the surface where that is safe, here and in the case.
+        unit: Unit of the file: m, cm or mm.
+        repair: Whether to repair the surface where that is safe, here and in the case.
 
     Raises:
         InputError: A body that cannot be read, bounds no solid, or lies elsewhere.
