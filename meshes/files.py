@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
+from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.meshes.untrusted_arrays import limited_memory, unpacked_bytes
-from palpate.meshes.untrusted_text import open_plain
+from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
 MESH_SUFFIXES = (".msh", ".vtk", ".vtu")

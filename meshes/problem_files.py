@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     PointForce,
@@ -34,10 +33,10 @@ from palpate.meshes.rigid_tool import (
     ToolPath,
 )
 from palpate.meshes.spring import AnchorPath, Spring
+from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.meshes.untrusted_arrays import read_npz
-from palpate.meshes.untrusted_text import parse_json
+from palpate.meshes.untrusted import parse_json, read_npz
 
 # Written as tables of plain values.
 _PLAIN = ("material", "time", "initial_velocity")

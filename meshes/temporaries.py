@@ -1,8 +1,9 @@
-"""Temporary files and folders that are swept by a later run when a kill left them behind.
+"""Temporary files and folders, and files that appear whole or not at all.
 
-The name carries the process's number and the process holds a lock on it: what has neither a
-living process nor a holder of its lock is left over. The lock is what tells processes of other
-machines and containers apart that share the folder.
+What a killed run leaves behind is removed by a later run. The name of a temporary carries the
+process's number, and the process keeps a lock on it: where neither the process nor the lock is
+alive, nobody uses it any more. The lock protects processes on other machines and in other
+containers that use the same folder.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from pathlib import Path
 
 # Of scratch folders: palpate-PURPOSE-PROCESS-RANDOM.
 _SCRATCH = re.compile(r"palpate-[a-z-]+-(?P<process>\d+)-[0-9a-f]{8}")
+# Of files that are being written.
+_HALF_WRITTEN = re.compile(r"\..+\.palpate-(?P<process>\d+)-[0-9a-f]{8}\.tmp(\.\w+)?")
 # Of what an internal error left for people to read; nobody reads it after this long [s].
 _ERROR_TEXT = re.compile(r"palpate-error-\w+\.txt")
 _ERROR_TEXT_AGE = 7 * 86400.0
@@ -33,8 +36,8 @@ def own_mark() -> str:
 
 
 @contextmanager
-def held(path: Path) -> Iterator[None]:
-    """Hold the lock that says that a temporary is in use; nothing where there are no locks."""
+def locked(path: Path) -> Iterator[None]:
+    """Lock a temporary for as long as it is in use; does nothing where there are no locks."""
     handle = _lock(path)
     try:
         yield
@@ -79,7 +82,7 @@ def scratch_folder(purpose: str) -> Iterator[Path]:
     folder = parent / f"palpate-{purpose}-{own_mark()}"
     folder.mkdir(mode=0o700)
     try:
-        with held(folder):
+        with locked(folder):
             yield folder
     finally:
         _remove_tree(folder)
@@ -97,13 +100,52 @@ def sweep_scratch(parent: Path) -> None:
                         Path(entry.path).unlink()
 
 
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`, renamed onto it when the block succeeds.
+
+    The temporary name keeps the suffix, since writers choose the format by it. On any failure,
+    Ctrl-C included, the temporary file is removed and an old `path` stays as it was. A link stays
+    a link: what it points to is replaced.
+    """
+    target = Path(os.path.realpath(path))
+    _sweep_beside(target.parent)
+    name = f".{target.stem[:40]}.palpate-{own_mark()}.tmp{target.suffix}"
+    temporary = target.with_name(name)
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+    try:
+        with locked(temporary):
+            yield temporary
+            with temporary.open("rb+") as written:
+                os.fsync(written.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)  # 0600 would lock colleagues out
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_text_atomically(path: str | Path, text: str) -> None:
+    """Write UTF-8 text so that `path` holds the old text or the new, never a part."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+@functools.cache
+def _sweep_beside(folder: Path) -> None:
+    """Remove what killed runs left here; once in a process."""
+    sweep(folder, _HALF_WRITTEN, Path.unlink)
+
+
 def _remove_tree(folder: Path) -> None:
     """Remove a folder of ours, what a simulator made unwritable included."""
     shutil.rmtree(folder, ignore_errors=True)
     if folder.exists():
-        for place, names, _ in os.walk(folder):
+        for inside, names, _ in os.walk(folder):
             for name in ("", *names):
-                inner = Path(place, name)
+                inner = Path(inside, name)
                 if not inner.is_symlink():
                     with contextlib.suppress(OSError):
                         inner.chmod(0o700)
@@ -111,7 +153,7 @@ def _remove_tree(folder: Path) -> None:
 
 
 def _is_own(entry: os.DirEntry[str]) -> bool:
-    """Whether it is this user's file or folder; a link is nobody's."""
+    """Whether it is a file or folder of this user; links never count as such."""
     try:
         status = entry.stat(follow_symlinks=False)
     except OSError:
@@ -133,7 +175,7 @@ def _is_alive(process: int) -> bool:
 
 
 def _lock(path: Path) -> int | None:
-    """Lock a file or folder without waiting; None where it is held, or cannot be locked."""
+    """Lock a file or folder without waiting; None where it is locked, or cannot be locked."""
     try:
         import fcntl
     except ImportError:

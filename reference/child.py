@@ -21,12 +21,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.meshes.supervised import supervised
-from palpate.meshes.temporaries import scratch_folder
+from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.reference.availability import require_available
 from palpate.reference.errors import (
     ReferenceBlowUpError,

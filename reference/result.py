@@ -16,9 +16,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.temporaries import atomic_path
 from palpate.reference.schemes import Integrator
 
 Values: TypeAlias = Floats

@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.temporaries import held, own_mark, sweep
+from palpate.meshes.temporaries import locked, own_mark, sweep
 from palpate.validation.output_files import OutputError, require_unprotected
 from palpate.validation.versions import version_of
 
@@ -61,7 +61,7 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
     except OSError as error:
         raise OutputError(path, f"cannot be written ({error.strerror or error})") from error
     try:
-        with held(fresh):
+        with locked(fresh):
             try:
                 yield fresh
                 _write_marker(fresh)

@@ -29,9 +29,9 @@ from palpate.fastsim.condensed.setup import (
 )
 from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Problem
+from palpate.meshes.temporaries import atomic_path
 
 
 @dataclass(frozen=True, eq=False)

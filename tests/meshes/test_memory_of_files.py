@@ -24,7 +24,7 @@ import sys
 from pathlib import Path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.files import read_mesh
-from palpate.meshes.untrusted_arrays import read_npz
+from palpate.meshes.untrusted import read_npz
 from palpate.validation.exchange.result_files import read_result
 read = {"read_mesh": read_mesh, "read_npz": read_npz, "read_result": read_result}[sys.argv[1]]
 try:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     PointForce,
@@ -35,6 +34,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
 )
+from palpate.meshes.temporaries import atomic_path, write_text_atomically
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.meshes import atomic_write, temporaries
-from palpate.meshes.atomic_write import atomic_path, write_text_atomically
-from palpate.meshes.temporaries import held, scratch_folder
+from palpate.meshes import temporaries
+from palpate.meshes.temporaries import atomic_path, locked, scratch_folder, write_text_atomically
 
 KILL = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)\n"
 
@@ -25,7 +24,7 @@ def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     temporaries.sweep_scratch.cache_clear()
-    atomic_write._sweep_beside.cache_clear()
+    temporaries._sweep_beside.cache_clear()
     yield tmp_path
     temporaries.sweep_scratch.cache_clear()
 
@@ -65,15 +64,15 @@ def test_the_scratch_folder_of_a_killed_run_is_swept_by_the_next(parent: Path) -
 def test_what_is_in_use_or_somebody_elses_is_not_swept(parent: Path) -> None:
     dead = dead_process()
     living = parent / f"palpate-simulator-{os.getpid()}-01234567"
-    locked = parent / f"palpate-simulator-{dead}-01234567"  # in another container, say
+    in_use = parent / f"palpate-simulator-{dead}-01234567"  # in another container, say
     linked = parent / f"palpate-simulator-{dead}-76543210"
     other = parent / f"palpate-simulator-{dead}-mine"
     thesis = parent / "thesis"
-    for folder in (living, locked, other, thesis):
+    for folder in (living, in_use, other, thesis):
         folder.mkdir()
     linked.symlink_to(thesis)
-    with held(locked), scratch_folder("gmsh"):
-        assert all(path.exists() for path in (living, locked, linked, other, thesis))
+    with locked(in_use), scratch_folder("gmsh"):
+        assert all(path.exists() for path in (living, in_use, linked, other, thesis))
 
 
 def test_what_another_user_left_is_not_swept(parent: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,7 +98,7 @@ def test_the_text_of_an_error_is_kept_for_a_week(parent: Path) -> None:
 
 def test_a_half_written_file_of_a_killed_run_is_swept_by_the_next(parent: Path) -> None:
     killed(
-        "from palpate.meshes.atomic_write import atomic_path\n"
+        "from palpate.meshes.temporaries import atomic_path\n"
         f"made = atomic_path({str(parent / 'r.json')!r}); made.__enter__().write_text('half')\n"
     )
     (left,) = parent.iterdir()

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from palpate.meshes.material_law import Law
 from palpate.meshes.repair.choices import LARGEST_HOLE
-from palpate.meshes.untrusted_text import is_a_float
+from palpate.meshes.untrusted import is_a_float
 
 # What a float64 and a machine word both hold without loss.
 LARGEST_COUNT = 2**53

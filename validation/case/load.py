@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
-from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
+from palpate.meshes.untrusted import UntrustedTextError, parse_toml, read_text
 from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CaseSpec, CheckSpec
 from palpate.validation.case.schema_keys import choices_of, keys_of, tables_of

@@ -40,7 +40,7 @@ def init(
     repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.case import load_case
     from palpate.validation.case.writing import first_case
 
@@ -60,7 +60,7 @@ def schema(
     ] = None,
 ) -> None:
     """Write the keys of a case file as a JSON Schema, for editors."""
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.case.schema_keys import editor_schema
 
     require_outputs({"--output": output})

@@ -95,7 +95,7 @@ def gate(
     ] = False,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
     from palpate.reference.availability import require_available
     from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.candidates.faults import with_fault
@@ -328,7 +328,7 @@ def compare_runs(
     summary: Annotated[Path | None, typer.Option(help="the table as Markdown")] = None,
 ) -> None:
     """Put two runs, or two versions, side by side; 1 where a verdict of the second is worse."""
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.judging import run_comparison
     from palpate.validation.output_files import require_outputs
 

@@ -117,7 +117,7 @@ def print_lines(lines: Iterable[str], prefix: str = "") -> None:
 
 def write_json(path: Path | None, document: Any) -> None:
     """Write strict JSON, whole or not at all; nothing where no file was asked for."""
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
 
     if path is not None:
         write_text_atomically(path, json.dumps(for_json(document), indent=2) + "\n")

@@ -225,7 +225,7 @@ def bench(
 
     PALPATE_BENCH_PYTHON names more interpreters, separated like PATH, whose rivals are timed too.
     """
-    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.output_files import require_outputs
     from palpate.validation.peers.bench import bench_json, run_benchmark
 

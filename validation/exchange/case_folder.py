@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
@@ -28,6 +27,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
+from palpate.meshes.temporaries import atomic_path, write_text_atomically
 from palpate.validation.exchange.nodal_arrays import nodal_force, rest_arrays, sliding_points
 
 

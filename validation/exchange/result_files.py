@@ -16,12 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import MESH_SUFFIXES, read_answer, write_mesh
 from palpate.meshes.problem import Problem
-from palpate.meshes.untrusted_arrays import array_names, read_npz
-from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
+from palpate.meshes.temporaries import atomic_path
+from palpate.meshes.untrusted import (
+    UntrustedTextError,
+    array_names,
+    parse_json,
+    read_npz,
+    read_text,
+)
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.states import State
 

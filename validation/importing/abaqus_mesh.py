@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.tet_mesh import CELL_FACETS
-from palpate.meshes.untrusted_text import open_plain
+from palpate.meshes.untrusted import open_plain
 from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import (
     FACES,

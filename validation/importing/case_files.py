@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.files import write_mesh
+from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.writing import FIRST_CHECKS, case_text
 from palpate.validation.exchange.nodal_arrays import area_vectors

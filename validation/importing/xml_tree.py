@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.parsers import expat
 
-from palpate.meshes.untrusted_text import open_plain
+from palpate.meshes.untrusted import open_plain
 from palpate.validation.importing.model import ImportRefusedError, Source, finite, whole
 
 MOST_BYTES = 128 * 1024**2

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
-from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
+from palpate.meshes.untrusted import UntrustedTextError, parse_toml, read_text
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, error_name
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import Verdict

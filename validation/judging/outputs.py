@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.meshes.atomic_write import write_text_atomically
+from palpate.meshes.temporaries import write_text_atomically
 from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import (

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element
-from palpate.meshes.untrusted_text import parse_json, read_text
+from palpate.meshes.untrusted import parse_json, read_text
 from palpate.validation.case.body_schema import Number
 from palpate.validation.judging.results import check_name
 from palpate.validation.metrics import CATALOGUE

@@ -19,7 +19,7 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.untrusted_text import parse_toml
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.load import CaseError, explain
 from palpate.validation.case.loading_schema import ToolSpec

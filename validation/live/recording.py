@@ -12,10 +12,10 @@ import numpy as np
 
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats
-from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
 from palpate.meshes.spring import AnchorPath, Spring
-from palpate.meshes.untrusted_text import parse_toml
+from palpate.meshes.temporaries import atomic_path, write_text_atomically
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH
 from palpate.validation.case.writing import case_text

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
-from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
+from palpate.meshes.temporaries import atomic_path, write_text_atomically
+from palpate.meshes.untrusted import UntrustedTextError, parse_json, read_text
 from palpate.validation.candidates.candidate import candidate_name, fastsim_candidate
 from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.candidates.result_states import state_of_result

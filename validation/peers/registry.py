@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element
-from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
+from palpate.meshes.untrusted import UntrustedTextError, parse_toml, read_text
 from palpate.validation.peers import adapters
 
 FILE = Path(__file__).parent / "registry.toml"

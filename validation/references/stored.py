@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
-from palpate.meshes.untrusted_arrays import read_npz
-from palpate.meshes.untrusted_text import parse_json
+from palpate.meshes.temporaries import atomic_path
+from palpate.meshes.untrusted import parse_json, read_npz
 from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.references.reference_set import SCALARS, Place, ReferenceSet
 from palpate.validation.references.soundness import find_contradictions

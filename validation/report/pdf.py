@@ -7,10 +7,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.supervised import run_supervised
-from palpate.meshes.temporaries import scratch_folder
+from palpate.meshes.temporaries import atomic_path, scratch_folder
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _TIME_LIMIT = 180.0

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.temporaries import atomic_path
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.judging.results import CaseResult

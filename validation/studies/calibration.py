@@ -34,11 +34,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate import meshes, reference
-from palpate.meshes.atomic_write import write_text_atomically
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import load_problem
-from palpate.meshes.untrusted_arrays import read_npz
+from palpate.meshes.temporaries import write_text_atomically
+from palpate.meshes.untrusted import read_npz
 from palpate.reference.errors import ReferenceFailedError
 from palpate.validation import metrics, references
 from palpate.validation.metrics import WHOLE_BODY_METRICS, measure

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 import palpate
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.untrusted_text import parse_toml
+from palpate.meshes.untrusted import parse_toml
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case, CaseError
 from palpate.validation.case.load import explain
