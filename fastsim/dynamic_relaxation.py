@@ -91,7 +91,7 @@ def relax(
         max_steps: Where to give up.
         num_threads: At least 1.
         device: On which the steps are made; as `ExplicitBody` says.
-        contact: How tools are kept out: None is the constraint.
+        contact: How contact is enforced: None is the constraint.
         progress: Called with one line now and then.
 
     Returns:

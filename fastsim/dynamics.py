@@ -92,7 +92,7 @@ def simulate(
             stiffness damping shortens.
         strain: Engineering or Green strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
-        displacement: Initial [m], shape (num_points, 3); None is rest. Held components are where
+        displacement: Initial [m], shape (num_points, 3); None is rest. Fixed components are where
             their supports are from the start.
         velocity: Initial [m/s], shape (num_points, 3); None is zero.
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
@@ -102,7 +102,7 @@ def simulate(
         num_threads: At least 1. A run repeats bit for bit for a given number.
         device: "cpu" is the compiled core; others as `ExplicitBody` says.
         tracks_energy: Sum up work and losses at every step (slower).
-        contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
+        contact: How contact is enforced: None is the constraint, for force-driven tools a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
         progress: Called with one line per stored state.

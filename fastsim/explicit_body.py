@@ -22,7 +22,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 
-# Part of the critical step used when none is chosen: Green strain stiffens under stretch.
+# Fraction of the critical step used if none is chosen: finite strain stiffens under stretch.
 SAFETY = 0.8
 # A displacement of more than this many sizes of the body is a blow-up, whatever its energy.
 _BOUND_IN_SIZES = 1e3
@@ -38,40 +38,40 @@ class Precision(StrEnum):
 
 
 class ExplicitBody:
-    """A body that is stepped by whoever holds it: a loop, a viewer, a robot, a training run.
+    """A body that is stepped by its caller: a loop, a viewer, a robot, a training run.
 
     Args:
-        problem: Mesh, material, supports, loads and tools. Its time span, if any, says the step,
-            the damping and how far apart outputs are; without one there is no damping. Stiffness
+        problem: Mesh, material, supports, loads and tools. Its time span, if any, sets the step,
+            the damping and the spacing of outputs; without one there is no damping. Stiffness
             damping acts on the change of strain over the step before: see `viscosity`.
-        strain: Engineering or Green strain.
+        strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: To start from; see `set_state`. None is rest.
-        velocity: The same; None is the problem's initial velocity.
+        velocity: At the start; None is the problem's initial velocity.
         time_step: [s]; None takes the time span's, or 0.8 of the critical one, shortened so that
             a whole number makes an output.
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
             which is 1 from the start where it has none.
-        support_amplitude: The same for the prescribed displacements of the supports.
+        support_amplitude: Such factors on the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
         device: "cpu" is the compiled core; "cuda:0" a GPU and "warp:cpu" its kernels on the
-            processor, which need the extra `gpu` and do what `palpate.fastsim.gpu` says.
-        is_repeatable: On a device: sums in one order, bit for bit; else as they come.
+            processor, which need the extra `gpu`; see `palpate.fastsim.gpu`.
+        is_repeatable: On a device: sums in one order, bit for bit; else in any order.
         tracks_energy: Sum up work and losses at every step (slower).
-        contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
+        contact: How contact is enforced: None is the constraint, for force-driven tools a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
-        mass: Made-up lumped mass [kg], shape (num_points,), for dynamic relaxation; the time step
-            is then the caller's own care. None is the material's.
-        tools: The tools as prepared for that mass.
+        mass: Fictitious lumped mass [kg], shape (num_points,), for dynamic relaxation; the caller
+            then sees to a stable time step. None is the material's.
+        tools: Contact of the tools, prepared for that mass; None prepares it here.
 
     Attributes:
         elastic: The body at rest.
         time_step: [s].
         critical_time_step: With contact and stiffness damping [s].
         steps_per_output: Steps between two outputs of the time span; 1 without one.
-        steps: Good steps done since the start.
+        steps: Number of accepted time steps since the start.
         tools: The rigid tools; None without any.
         run: What makes the steps.
 
@@ -183,24 +183,24 @@ class ExplicitBody:
 
     @property
     def steps(self) -> int:
-        """Good ones done since the start."""
+        """Number of accepted time steps since the start."""
         return self._state.steps
 
     @property
     def instruction_set(self) -> str:
-        """What the step runs on."""
+        """Instruction set that the step uses."""
         return self.run.instruction_set
 
     @property
     def time(self) -> float:
-        """Since the start [s]."""
+        """Time since the start [s]."""
         return self.steps * self.time_step
 
     @property
     def displacement(self) -> Points:
-        """At the present state [m], shape (num_points, 3).
+        """Present displacement [m], shape (num_points, 3).
 
-        Read-only, and always the same array: what it holds after a step is read anew into it.
+        Read-only, and always the same array, which is updated when it is asked for after a step.
         """
         self._state.read()
         return self._state.read_only
@@ -209,7 +209,7 @@ class ExplicitBody:
         """Start from a state, at time 0 (eq. 13).
 
         Args:
-            displacement: [m], shape (num_points, 3). Held components are where their supports
+            displacement: [m], shape (num_points, 3). Fixed components are where their supports
                 are at once.
             velocity: [m/s], shape (num_points, 3); None is zero.
 
@@ -228,9 +228,9 @@ class ExplicitBody:
         self._state.start(placed, increment, energy)
 
     def step(self, num_steps: int = 1) -> None:
-        """Do steps of eq. 12.
+        """Make steps of eq. 12.
 
-        A cell that the last of them inverts is seen by the next step, or by `look`.
+        A cell that the last of them inverts is found by the next step, or by `look`.
 
         Raises:
             BlowUpError: A cell inverted (Green strain), a number left its bounds, a vertex may
@@ -247,7 +247,7 @@ class ExplicitBody:
             num_steps -= piece
 
     def look(self) -> None:
-        """Find all that pushes at the present state, without a step; the next one need not.
+        """Find all forces at the present state without a step; the next step then need not.
 
         Raises:
             BlowUpError: The last step inverted a cell.
@@ -256,9 +256,9 @@ class ExplicitBody:
             self._state.look(*self.rows(1))
 
     def apply_force(self, force: ArrayLike, *, points: ArrayLike | None = None) -> None:
-        """Push with forces of the caller's own, besides the problem's loads, from now on.
+        """Apply forces besides the problem's loads, from now on.
 
-        What was applied before ends; zero ends all.
+        They replace those applied before; zero removes them.
 
         Args:
             force: [N], shape (num_points, 3), or one row for each of `points`.
@@ -293,7 +293,7 @@ class ExplicitBody:
         return self._goals
 
     def send_tools(self, num_steps: int) -> None:
-        """Put the tools that were sent onto their ways, for so many steps; `step` does."""
+        """Give the tools that were sent elsewhere their paths for so many steps, as `step` does."""
         if not self._goals or self.tools is None:
             return
         goals, self._goals = self._goals, {}
@@ -303,26 +303,26 @@ class ExplicitBody:
 
     @property
     def mass(self) -> Floats:
-        """Lumped [kg], shape (num_points,)."""
+        """Lumped mass [kg], shape (num_points,)."""
         return self._mass
 
     @property
     def springs(self) -> ExplicitSprings:
-        """Those that pull now."""
+        """Springs that act now."""
         return self._loads.springs
 
     def change_springs(self, springs: ExplicitSprings) -> None:
-        """Have others pull from now on; whether they are too stiff is the caller's care."""
+        """Replace the springs from now on; the caller checks that they are not too stiff."""
         self._loads.change_springs(self.run, springs)
         self._state.disturb()
 
     def tool_steps(self) -> NDArray[np.void]:
-        """Where the tools' paths are now, shape (num_tools,) of `TOOL_STEP`."""
+        """Present poses on the tools' paths, shape (num_tools,) of `TOOL_STEP`."""
         self.look()
         return self._state.tool_steps
 
     def take_tool_records(self) -> NDArray[np.void]:
-        """What acts on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses begin anew."""
+        """Loads on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses restart from zero."""
         self.look()
         return self.run.take_tool_records().view(TOOL_RECORD).reshape(-1)
 
@@ -366,9 +366,9 @@ class ExplicitBody:
         self._state.disturb()
 
     def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
-        """Take note of `steps_done` that `run` has made; raises as `step` does.
+        """Record `steps_done` that `run` has made; raises as `step` does.
 
-        `reason` and `point` say what ended them, as the core's run does, and where.
+        `reason` and `point`, as returned by the core's run, state what ended them, and where.
         """
         self._state.moved(steps_done, reason, point)
 

@@ -26,17 +26,17 @@ class ExplicitLoads:
 
     Args:
         problem: Loads, springs and supports.
-        strain: Pressure follows the body only where this knows finite rotations.
+        strain: Pressure follows the body only under finite strain.
         loads: Amplitudes of the loads; see `Histories`.
         supports: Amplitudes of the supports.
 
     Attributes:
-        is_free: 1 where free, 0 where held along x, y or z, shape (num_points, 3). Points that
+        is_free: 1 where free, 0 where fixed along x, y or z, shape (num_points, 3). Points that
             slide along slanted walls are free here: the core holds them along the normals.
-        springs: Those that pull now.
+        springs: Springs that act now.
 
     Raises:
-        InputError: A load that is not finite, or a component held in two ways.
+        InputError: A load that is not finite, or a component fixed in two ways.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ExplicitLoads:
                 self._dead[history] += external_force(self._alone(load))
 
     def attach(self, run: ExplicitRun) -> None:
-        """Give all of them to a run."""
+        """Set all loads, springs and supports of a run."""
         for history, forces in enumerate(self._dead):
             run.set_dead_load(history, forces)
         if self._pressures:
@@ -77,7 +77,7 @@ class ExplicitLoads:
             run.set_sliding_supports(*self._moving.slides)
 
     def apply(self, run: ExplicitRun, force: ArrayLike, points: ArrayLike | None) -> None:
-        """Push with other forces besides, in the place of those applied before."""
+        """Replace the forces of the caller, which act besides the loads."""
         total = np.zeros_like(self._applied)
         rows = np.arange(len(total)) if points is None else np.asarray(points, dtype=np.int64)
         pushed = np.asarray(force, dtype=np.float64)
@@ -92,19 +92,19 @@ class ExplicitLoads:
         run.set_dead_load(0, self._dead[0] + total)
 
     def factors(self, times: Floats) -> Floats:
-        """Of the histories [-], shape (num_times, num_histories); behind them the springs'."""
+        """Factors of the histories [-], (num_times, num_histories), then columns of the springs."""
         factors = self._histories.at(times)
         if not len(self.springs):
             return factors
         return np.hstack([factors, self.springs.rows(times)])
 
     def change_springs(self, run: ExplicitRun, springs: ExplicitSprings) -> None:
-        """Have others pull from now on."""
+        """Replace the springs from now on."""
         self.springs = springs
         springs.attach(run, len(self._histories))
 
     def at(self, time: float, displacement: Points) -> Points:
-        """All of them but contact, at a time and place [N], shape (num_points, 3)."""
+        """All loads but contact, at a time and displacement [N], shape (num_points, 3)."""
         factors = self._histories.at([time])[0]
         load: Points = np.tensordot(factors, self._dead, axes=1) + self._applied
         for pressure, history in self._pressures:
@@ -114,19 +114,19 @@ class ExplicitLoads:
         return load
 
     def placed(self, displacement: Points, time: float) -> Points:
-        """A displacement with its held components where they are at that time [m]."""
+        """A displacement with its fixed components where they are at that time [m]."""
         held = self._held_at(time)
         local = self._supports.to_local(displacement)
         return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
 
     def moved(self, increment: Points, time: float, next_time: float) -> Points:
-        """An increment from one time to the next, its held components those of the supports."""
+        """An increment from one time to the next, its fixed components those of the supports."""
         held = self._held_at(next_time) - self._held_at(time)
         local = self._supports.to_local(increment)
         return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
 
     def keep_free(self, vectors: Points) -> Points:
-        """Vectors without their held components."""
+        """Vectors without their fixed components."""
         return self._supports.keep_free(vectors)
 
     def _held_at(self, time: float) -> Points:
@@ -138,17 +138,17 @@ class ExplicitLoads:
 
 
 class MovingSupports:
-    """What supports do over time, as the core takes it: sums of factors times values.
+    """Prescribed displacements over time, as the core needs them: sums of factors times values.
 
     Args:
-        problem: Its supports.
-        supports: What they hold.
+        problem: Whose supports these are.
+        supports: Which components they fix.
         histories: Their factors over time.
 
     Attributes:
         is_free: 1 where free along x, y or z, shape (num_points, 3); points that slide are free.
         slides: Points that slide along one or two slanted walls, with their directions (n, 6),
-            where they are held along these (n, 2) and the histories (n, 2), -1 for none; None
+            where they are fixed along these (n, 2) and the histories (n, 2), -1 for none; None
             where nothing slides.
 
     Raises:
@@ -176,7 +176,7 @@ class MovingSupports:
             self._add_slanted(supports.slanted, full)
 
     def terms(self) -> tuple[Points, NDArray[np.int32]]:
-        """Values and histories of each term, one below the other; one where one will do."""
+        """Values and histories of each term, stacked; a single term if the others are empty."""
         count = 1 + max((k for k in (1, 2) if (self._numbers[k] >= 0).any()), default=0)
         return np.vstack(self._values[:count]), np.vstack(self._numbers[:count])
 
@@ -190,13 +190,13 @@ class MovingSupports:
     def _add(
         self, term: int, points: Indices, mine: NDArray[np.bool_], values: Points, history: int
     ) -> None:
-        # What is held at zero never moves, whatever its factor: nothing to step.
+        # What is fixed at zero never moves, whatever its factor: nothing to step.
         moves = mine & (values != 0.0)
         self._values[term][points] = np.where(moves, values, self._values[term][points])
         self._numbers[term][points] = np.where(moves, history, self._numbers[term][points])
 
     def _add_slanted(self, slanted: SlantedPoints, full: Points) -> None:
-        """Points held along all directions move as others do; the rest slide."""
+        """Points fixed along all directions move as others do; the rest slide."""
         history = np.array([self._history_of(slanted, k) for k in range(len(slanted.points))])
         whole = slanted.rank == 3
         points = slanted.points[whole]
@@ -228,7 +228,7 @@ class MovingSupports:
         return found.pop() if found else 0
 
     def _require_one_way(self, full: Points) -> None:
-        """A component that two supports move goes by one amplitude and one rotation."""
+        """Refuse a component that two supports move by different amplitudes or rotations."""
         by = np.full(full.shape, -1)
         supports = self._problem.supports
         keys = [
@@ -249,19 +249,19 @@ class MovingSupports:
                 by[points, axis] = kind
 
 
-# Of each spring: the factor on its stiffness, and its anchor's displacement.
+# Columns of a spring: the factor on its stiffness, and its anchor's displacement.
 _COLUMNS = 4
 
 
 class ExplicitSprings:
-    """The springs of a run, which may come, go and be driven between its steps.
+    """The springs of a run, which may be added, removed and moved between its steps.
 
     Args:
         points: Of the mesh at rest [m], shape (num_points, 3).
-        springs: Those of the problem.
+        springs: Springs of the problem.
 
     Attributes:
-        springs: All that pull now, with the paths of those that are not driven.
+        springs: All that act now, with the paths of those that are not moved from outside.
         patches: Their forces.
     """
 
@@ -275,7 +275,7 @@ class ExplicitSprings:
         return len(self.springs)
 
     def attach(self, run: ExplicitRun, first_history: int) -> None:
-        """Give them to a run that has so many other histories."""
+        """Set them in a run whose number of other histories is `first_history`."""
         of_facet = self.patches.of_facet
         run.set_springs(
             self.patches.facets,
@@ -296,7 +296,7 @@ class ExplicitSprings:
         return row[:, 1:], row[:, 0]
 
     def force(self, displacement: Points, time: float) -> Points:
-        """On the body [N], shape (num_points, 3)."""
+        """Force on the body [N], shape (num_points, 3)."""
         return self.patches.force(displacement, *self.at(time))
 
     def resultants(self, displacement: Points, time: float) -> Points:
@@ -304,16 +304,16 @@ class ExplicitSprings:
         return self.patches.resultants(displacement, *self.at(time))
 
     def send(self, number: int, goal: Floats, start: float, end: float) -> None:
-        """Have an anchor go straight from where it is to a place in a span of time, and stay."""
+        """Move an anchor along a straight line to a position in a span of time; it stays there."""
         factor, *ways = self._ways[number]
         self._ways[number] = (factor, *map(_way_to, ways, goal.tolist(), [start] * 3, [end] * 3))
 
     def anew(self) -> ExplicitSprings:
-        """The same, with their paths as they were at first."""
+        """The same springs with their original paths."""
         return ExplicitSprings(self._points, self.springs)
 
     def with_spring(self, spring: Spring) -> ExplicitSprings:
-        """The same with one more, the last."""
+        """The same springs and one more, the last."""
         more = ExplicitSprings(self._points, (*self.springs, spring))
         more._ways[: len(self)] = self._ways
         return more

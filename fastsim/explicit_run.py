@@ -1,4 +1,4 @@
-"""What steps an explicit body: the compiled core, or Warp's kernels on a device."""
+"""What makes the steps of an explicit body: the compiled core, or Warp's kernels on a device."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ExplicitRun(Protocol):
 
     @property
     def instruction_set(self) -> str:
-        """What the step runs on."""
+        """Instruction set that the step uses."""
 
     def set_state(self, displacement: Points, increment: Points, energy: float) -> None:
         """Start the sums afresh."""
@@ -43,10 +43,10 @@ class ExplicitRun(Protocol):
     def set_springs(
         self, facets: NDArray[np.int32], stiffnesses: Floats, histories: NDArray[np.int32]
     ) -> None:
-        """Springs over facets, in the place of those before."""
+        """Springs over facets; they replace those set before."""
 
     def set_moving_supports(self, values: Floats, histories: NDArray[np.int32]) -> None:
-        """Held components that move."""
+        """Fixed components that move."""
 
     def set_sliding_supports(
         self,
@@ -55,7 +55,7 @@ class ExplicitRun(Protocol):
         values: Floats,
         histories: NDArray[np.int32],
     ) -> None:
-        """Points held along some directions."""
+        """Points fixed along some directions."""
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D."""

@@ -1,4 +1,4 @@
-"""The present state of a body in explicit motion: read from its run when somebody asks."""
+"""State and equation of motion (eq. 11-13) of a body in explicit motion, around its steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.meshes.arrays import Floats, Points
 
 
 class ExplicitState:
-    """Of one run.
+    """The present state of a run, read from it when it is needed.
 
     Args:
         elastic: The body at rest.
@@ -25,7 +25,7 @@ class ExplicitState:
         time_step: [s].
 
     Attributes:
-        steps: Good steps done since the start.
+        steps: Number of accepted time steps since the start.
         tool_steps: Where the tools' paths were at the last look, shape (num_tools,) of `TOOL_STEP`.
         read_only: The displacement as last read [m], a view that cannot be written to.
     """
@@ -45,7 +45,7 @@ class ExplicitState:
 
     @property
     def is_looked_at(self) -> bool:
-        """Has the run found all that pushes at this state?"""
+        """Whether the run has found all forces at this state."""
         return self._is_looked_at
 
     def start(self, displacement: Points, increment: Points, energy: float) -> None:
@@ -63,11 +63,11 @@ class ExplicitState:
         return self._displacement, self._increment
 
     def disturb(self) -> None:
-        """Something else pushes from now on: what was found is found anew."""
+        """Note that the forces have changed, so that they are found anew."""
         self._is_looked_at = False
 
     def look(self, factors: Points, tools: Points) -> None:
-        """Find all that pushes, for these factors of the histories and steps of the tools.
+        """Find all forces, for these factors of the histories and steps of the tools.
 
         Raises:
             BlowUpError: The last step inverted a cell.
@@ -78,16 +78,16 @@ class ExplicitState:
         self.tool_steps = tools[0].view(TOOL_STEP)
 
     def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
-        """Take note of steps that the run has made.
+        """Record steps that the run has made.
 
         Raises:
-            BlowUpError: `reason` says that something ended them; carries the last good state.
+            BlowUpError: They ended early, for `reason`; carries the last good state.
         """
         self._is_read = self._is_looked_at = False
         self._settle(steps_done, reason, point)
 
     def _settle(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
-        """Count the steps of a call of the core; say what ended it, if anything did."""
+        """Count the steps of a call of the core; raise if something ended them early."""
         self.steps += steps_done
         if reason is not _core.StopReason.none:
             self._is_read = False
@@ -123,16 +123,16 @@ def diagnose(
     steps: int,
     time_step: float,
 ) -> BlowUpError:
-    """The error that says what was seen, in which cell, and what to change.
+    """The error that states what happened, in which cell, and what to change.
 
     Args:
         body: At rest.
-        reason: What the core saw.
-        point: That moved fastest, or -1.
+        reason: What the core found.
+        point: The point that moved fastest, or -1.
         displacement: The last good state [m], shape (num_points, 3).
-        increment: That led to it or, to an inverted cell, from it [m].
+        increment: The increment to that state or, if a cell inverted, from it [m].
         mass: Lumped [kg], shape (num_points,).
-        steps: Good ones.
+        steps: Number of accepted time steps.
         time_step: [s].
     """
     mesh = body.mesh
@@ -155,14 +155,12 @@ def diagnose(
     )
 
 
-# The equation of motion of a run, eq. 11-13, on whole arrays: where a run begins and is read.
-#
-# The core makes the steps themselves (eq. 12). Here is what a run is started from, and what is read
-# between two of its steps: forces and velocities.
+# Eq. 11-13 on whole arrays. The core makes the steps themselves (eq. 12); here are the start of a
+# run, and forces and velocities between two of its steps.
 
 
 class EquationOfMotion:
-    """Of one run.
+    """The equation of motion of a run: its start, and its forces and velocities.
 
     Args:
         elastic: The body at rest.
@@ -172,7 +170,7 @@ class EquationOfMotion:
         stiffness_damping: beta [s], >= 0; see `viscosity`.
 
     Attributes:
-        scheme: As given; may be replaced by one of the same time step.
+        scheme: Time step and mass damping; may be replaced by one of the same time step.
     """
 
     def __init__(
@@ -193,11 +191,11 @@ class EquationOfMotion:
         """The increment before time 0: a(-dt) = a - dt v + dt^2 / 2 a'' (eq. 13).
 
         Args:
-            displacement: [m], shape (num_points, 3), its held components in place.
-            velocity: [m/s], likewise; zero where held.
+            displacement: [m], shape (num_points, 3), its fixed components in place.
+            velocity: [m/s], shape (num_points, 3); zero where fixed.
 
         Returns:
-            a(0) - a(-dt) [m], zero where held, and the energy that the state holds [J].
+            a(0) - a(-dt) [m], zero where fixed, and the energy of the state [J].
         """
         dt, mass = self.scheme.time_step, self._mass[:, None]
         force = self.force(self._loads.at(0.0, displacement), displacement, dt * velocity)
@@ -212,7 +210,7 @@ class EquationOfMotion:
 
         Args:
             load: F [N], shape (num_points, 3).
-            displacement: a [m], likewise.
+            displacement: a [m], shape (num_points, 3).
             increment: That led to it [m]: the force of stiffness damping is in R(a).
         """
         force: Points = load - self._elastic.internal_force(displacement)
@@ -226,7 +224,7 @@ class EquationOfMotion:
 
         Args:
             increment: Behind [m], shape (num_points, 3).
-            force: Now [N], likewise.
+            force: Now [N], shape (num_points, 3).
             time: Now [s].
         """
         dt = self.scheme.time_step

@@ -1,4 +1,4 @@
-"""How long a step of a body in explicit motion may be: springs, stiffness damping and contact."""
+"""The stable time step of explicit motion: springs, stiffness damping and contact."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def critical_with_springs(body: Body, springs: ExplicitSprings, time_step: float
     Args:
         body: At rest.
         springs: Of the problem.
-        time_step: Chosen step [s], or None. Where all springs at once are too stiff for it, those
-            count that ever pull together.
+        time_step: Chosen step [s], or None. Where all springs at once are too stiff for it, only
+            those that ever pull together count.
     """
     if not springs.springs:
         return body.critical_time_step()
@@ -71,9 +71,9 @@ def bound_step(
         critical_time_step: Of the body and its springs [s]; infinite where none is known.
         time_step: Chosen step [s], or None.
         stiffness_damping: beta [s], >= 0; see `viscosity`.
-        contact: How tools are kept out; see `ExplicitTools`.
+        contact: How contact is enforced; see `ExplicitTools`.
         body_contact: A penalty for bodies that touch each other or themselves, or None.
-        tools: As prepared before, which then say nothing of the step; None makes them.
+        tools: Prepared before, and then without effect on the step; None prepares them.
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
@@ -98,7 +98,7 @@ def bound_step(
 
 
 def divided(span: TimeSpan, wanted: float) -> tuple[float, int]:
-    """The step that is at most the wanted one and divides the outputs, and how many make one."""
+    """The largest step up to the wanted one that divides the outputs, and the steps per output."""
     count = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
     return span.end_time / (span.num_outputs * count), count
 
@@ -144,7 +144,7 @@ def stiffened_time_step(
 ) -> float:
     """2 / omega of a body as stiff as damping makes it in steps of a length [s].
 
-    omega^2 (1 + 2 beta / dt), so that dt <= 2 / omega says the same as `damped_time_step`, and the
+    omega^2 (1 + 2 beta / dt), so that dt <= 2 / omega is the same as `damped_time_step`, and the
     stiffness of contact can be added.
 
     >>> stiffened_time_step(3.0, 4.0, 1.0)
@@ -161,7 +161,7 @@ def viscous_force(
     Args:
         body: Whose moduli at rest, strain measure and element these are.
         displacement: a [m], shape (num_points, 3).
-        increment: d [m], likewise.
+        increment: d [m], shape (num_points, 3).
         damping_over_step: beta / dt [-].
     """
     H, D = body.displacement_gradients(displacement), body.displacement_gradients(increment)

@@ -1,10 +1,10 @@
-"""A body under the hands of a controller: tools and springs that are moved from step to step.
+"""A body driven by a controller: its tools and springs are moved from step to step.
 
 body = LiveBody(problem)
 while ...:
-body.tools[0].move_to(place)
-body.step(steps)
-force = body.tools[0].force
+    body.tools[0].move_to(position)
+    body.step(steps)
+    force = body.tools[0].force
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, ToolPath
 from palpate.meshes.spring import AnchorPath, Spring
 
-# A step has so many significant bits, so that its multiples are exact.
+# Number of significant bits of a time step, so that its multiples are exact.
 _BITS = 20
 
 
@@ -123,7 +123,7 @@ class LiveSpring(BodySpring):
 
     @property
     def is_held(self) -> bool:
-        """Whether it pulls: not once it was let go, nor after a reset if it came later."""
+        """Whether it pulls: not once it was let go, nor after a reset if it was added later."""
         return any(spring is self.description for spring in self._body._pull.springs)
 
     @property
@@ -147,8 +147,8 @@ class LiveBody:
 
     Args:
         problem: Mesh, material, supports, loads, springs and tools. Of its time span the damping
-            and the step are taken; end and outputs are not read.
-        strain: Engineering or Green strain.
+            and the step are used; end and outputs are not read.
+        strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed.
         time_step: [s]; None takes the time span's, or 0.8 of the critical one, cut to 20
             significant bits so that its multiples are exact.
@@ -222,36 +222,36 @@ class LiveBody:
 
     @property
     def time(self) -> float:
-        """Since the start [s]."""
+        """Time since the start [s]."""
         return self._engine.time
 
     @property
     def displacement(self) -> Points:
-        """Now [m], shape (num_points, 3): read-only, always the same array, read anew into it."""
+        """Present displacement [m], shape (num_points, 3): read-only, always the same array."""
         return self._engine.displacement
 
     @property
     def positions(self) -> Points:
-        """Of the points now [m], shape (num_points, 3): read-only, always the same array."""
+        """Present positions [m], shape (num_points, 3): read-only, always the same array."""
         np.add(self.problem.mesh.points, self._engine.displacement, out=self._positions)
         return self._read_only
 
     @property
     def velocity(self) -> Points:
-        """Now [m/s], shape (num_points, 3); as dear as a step."""
+        """Present velocity [m/s], shape (num_points, 3); costs as much as a step."""
         return self._engine.velocity()
 
     def strain_energy(self) -> float:
-        """Stored in the body now [J]."""
+        """Strain energy of the body now [J]."""
         return self._engine.elastic.strain_energy(self._engine.displacement)
 
     def step(self, num_steps: int = 1) -> None:
-        """Do steps; what was sent goes its way in them.
+        """Make steps, during which tools and anchors go where they were sent.
 
         Raises:
             InputError: Less than one step.
             BlowUpError: See `ExplicitBody.step`.
-            ToolTooFastError: A tool cannot get where it was sent in these steps; nothing is done.
+            ToolTooFastError: A tool cannot get where it was sent in these steps; no step is made.
         """
         if num_steps < 1:
             raise InputError(f"num_steps = {num_steps}: needs at least 1")
@@ -304,9 +304,9 @@ class LiveBody:
         self._begin()
 
     def recording(self) -> Problem:
-        """The problem with what was driven since the start as paths of its tools and springs.
+        """The problem, with all motion since the start as paths of its tools and springs.
 
-        `palpate.fastsim.dynamics.simulate` of it goes the same way bit for bit, with the same
+        `palpate.fastsim.dynamics.simulate` of it repeats the motion bit for bit, with the same
         strain, element, precision, threads and build.
 
         Raises:
@@ -316,7 +316,7 @@ class LiveBody:
         return self._log.problem(self._engine.steps, self.time_step)
 
     def _require_stable(self, spring: Spring) -> None:
-        """By Gershgorin: omega^2 is at most that of the body and the largest K_a / m_a.
+        """Bound the stiffness by Gershgorin: omega^2 <= that of the body + the largest K_a / m_a.
 
         The rows of a spring have no negative entry. Those of the problem are in the body's.
         """
@@ -362,7 +362,7 @@ class LiveBody:
 
 
 def _cut(step: float) -> float:
-    """The longest step up to one [s] whose multiples are exact."""
+    """The longest step [s], at most the given one, whose multiples are exact."""
     mantissa, exponent = math.frexp(step)
     return math.ldexp(math.floor(mantissa * 2**_BITS), exponent - _BITS)
 
@@ -372,7 +372,7 @@ ToolGoal = tuple[list[float], list[float] | None]
 
 @dataclass
 class _Held:
-    """A spring, from when until when, and where its anchor was at some steps."""
+    """A spring, its first and last step, and the positions of its anchor at some steps."""
 
     spring: Spring
     begin: int
@@ -381,10 +381,10 @@ class _Held:
 
 
 class DriveLog:
-    """Of one run from its start.
+    """Record of the motion of tools and springs of a run, from its start.
 
     Args:
-        problem: As it was before anybody drove.
+        problem: As it was before anything was moved.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -394,17 +394,17 @@ class DriveLog:
         self._left_its_path = ""
 
     def held(self, spring: Spring, step: int) -> None:
-        """Somebody took hold."""
+        """Note that a spring was attached at a step."""
         self._springs.append(_Held(spring, step))
 
     def let_go(self, spring: Spring, step: int) -> None:
-        """And let go."""
+        """Note that a spring was let go at a step."""
         self._of(spring).end = step
 
     def went(
         self, begin: int, end: int, tools: dict[int, ToolGoal], anchors: dict[Spring, Floats]
     ) -> None:
-        """Tools and anchors went from where they were to these goals between two steps."""
+        """Note that tools and anchors went from their positions to goals between two steps."""
         for number, goal in tools.items():
             knots, path = self._tools[number], self._problem.tools[number].path
             if not knots:
@@ -424,7 +424,7 @@ class DriveLog:
             held.knots[end] = anchor
 
     def problem(self, num_steps: int, time_step: float) -> Problem:
-        """The problem whose paths do the same; see `LiveBody.recording`."""
+        """The problem whose paths repeat the motion; see `LiveBody.recording`."""
         end_time = num_steps * time_step
         if not num_steps:
             raise InputError("nothing was recorded: step the body first")

@@ -41,7 +41,7 @@ _ATTEMPTS = (
 )
 # Cells with a dihedral angle below about 33 degrees are worked on: sin 32.7 = 0.54.
 _SLIVER_TARGET = 0.54
-# Of a graded interior where no length is asked for: the largest edge, in mean edges of the surface.
+# Largest edge of a graded interior if no length is given, in mean edges of the surface.
 LARGEST_GRADED = 8.0
 # The work of sliver removal on graded interiors is bounded, in cells tried: they need 0.2 to 0.4 of
 # it for each of their cells, small ones of twisted shapes up to 12 000 in all; a unit takes some
@@ -80,7 +80,7 @@ class FlatPointsError(MeshingError):
 
 
 class DuplicatePointError(MeshingError):
-    """Two points of the surface are the same place; `.points` holds them."""
+    """Two points of the surface coincide; `.points` are their numbers."""
 
     def __init__(self, first: int, second: int) -> None:
         self.points = (first, second)
@@ -140,7 +140,7 @@ class MeshingReport:
 
     Attributes:
         recovered_edges: Surface edges that were missing after insertion and flipped back.
-        recovered_facets: Likewise facets.
+        recovered_facets: Facets of the surface that had to be recovered.
         sliver_flips: Flips that made the worst cell better.
         sliver_moves: Inner points moved for the same end.
         sliver_insertions: Inner points added for the same end.
@@ -154,7 +154,7 @@ class MeshingReport:
             bounded in proportion to the cells where the interior is graded; the worst cells come
             first.
         attempts: Lattices tried.
-        remesh: What was done to a free boundary; None where it was kept.
+        remesh: What was done to a free boundary; None if the surface was preserved.
     """
 
     recovered_edges: int
@@ -196,15 +196,15 @@ def mesh_surface(
         surface: Closed, outward, without self-intersection [m].
         edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean. With a
             size field, the largest.
-        size_field: Smaller edge lengths here and there, from places [m], shape (n, 3), to lengths
-            [m], shape (n,); see `grading.size_fields`. Facets that are kept bound it near the
+        size_field: Smaller edge lengths where wanted, from positions [m], shape (n, 3), to lengths
+            [m], shape (n,); see `grading.size_fields`. Preserved facets bound it near the
             surface; a free boundary follows it.
         interior: Graded: from the surface inwards cells grow by layers, each twice the last, to
             `edge_length`, or where that is None to eight of the surface's mean edges.
             Uniform: as fine as the surface throughout, unless `edge_length` asks for other.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
-        boundary: Whether the surface's facets are kept, or may be replaced by better ones.
+        boundary: Whether the surface's facets are preserved, or may be replaced by better ones.
         boundary_distance: How far a free boundary may lie from the given one [m], > 0; see
             `surface_remesher`.
         seed: Of the jitter; the same seed gives the same mesh.
@@ -223,7 +223,7 @@ def mesh_surface(
     Raises:
         InputError: A size field that gives no size, or asks for too many cells.
         SurfaceError: The surface does not bound a solid, or intersects itself.
-        MeshingError: This mesher does not manage it; the message says what is in the way.
+        MeshingError: This mesher cannot mesh the surface; the message states why.
         TimeLimitError: The time was up.
         RemeshError: No free boundary within the distance.
     """
@@ -340,14 +340,14 @@ def _refuse_too_many_cubes(points: Points, size: float) -> None:
 
 
 def largest_edge(surface: TriSurface) -> float:
-    """Of a graded interior where no length is asked for [m]."""
+    """Largest edge of a graded interior if no length is given [m]."""
     return LARGEST_GRADED * mean_edge_length(surface.points, surface.facets)
 
 
 def delaunay(points: Points) -> tuple[Indices, list[int]]:
     """Delaunay tetrahedra of points: their convex hull, cut into cells of empty circumspheres.
 
-    Exact for any input; points on one sphere are told apart by a symbolic perturbation, so that
+    Exact for any input; points on one sphere are resolved by a symbolic perturbation, so that
     no cell is flat and the same points always give the same cells.
 
     Args:
@@ -367,7 +367,7 @@ def delaunay(points: Points) -> tuple[Indices, list[int]]:
 
 
 def require_boundary(facets: Indices, mesh: TetMesh) -> None:
-    """Refuse a mesh whose boundary is not the surface, facet by facet, told from its cells alone.
+    """Refuse a mesh whose boundary, found from its cells alone, is not the surface.
 
     Args:
         facets: The surface's, by the mesh's points, shape (num_facets, 3).

@@ -152,7 +152,7 @@ class Newton:
         """Equilibrium at a load factor, from the equilibrium at a smaller one."""
         free = self._is_free.astype(bool)
         displacement = start.copy()
-        # The held components' change goes through the tangent first: no cell is crushed by it.
+        # The fixed components' change goes through the tangent first: no cell is crushed by it.
         jump = self._jump(displacement, factor)
         history: list[float] = []
         residual, internal = self._residual(displacement, factor)
@@ -207,7 +207,7 @@ class Newton:
         return solve
 
     def _jump(self, displacement: Points, factor: float) -> Points:
-        """How far held components are from where they are held, 0 for the free ones."""
+        """How far fixed components are from where they are held, 0 for the free ones."""
         here = self._supports.to_local(displacement)
         jump = np.where(self._is_free != 0, 0.0, self._supports.at(factor) - here)
         slanted = self._supports.slanted
@@ -427,7 +427,7 @@ def find_softening(
     Args:
         body: Mesh, material and strain.
         displacement: The equilibrium [m], shape (num_points, 3).
-        solve: K x = b with the held components of x zero; None where K is not positive definite.
+        solve: K x = b with the fixed components of x zero; None where K is not positive definite.
     """
     mesh = body.mesh
     stretches = smallest_stretches(body, displacement)

@@ -86,7 +86,7 @@ def solve_static(
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
         max_iterations: Newton iterations per load step.
         iteration: Consistent tangent, or the secant matrix of eq. 10 (slow: give it more).
-        contact: How tools are kept out: None is the constraint.
+        contact: How contact is enforced: None is the constraint.
         progress: Called with one line per load step.
 
     Returns:

@@ -1,6 +1,6 @@
 """Supports: which components of which points are held, and where, by the size of each support.
 
-A point on slanted planes is held along their normals only. It has axes of its own, the first of
+A point on slanted planes is fixed along their normals only. It has axes of its own, the first of
 which are held: components of such points are along these, of all others along x, y, z.
 """
 
@@ -59,7 +59,7 @@ class HeldPoints:
     """What the supports of a problem hold.
 
     Attributes:
-        is_free: 1 where free, 0 where held, shape (num_points, 3), of the points' own components.
+        is_free: 1 where free, 0 where fixed, shape (num_points, 3), of the points' own components.
         slanted: Those whose components are not along x, y, z; None where there are none.
 
     Raises:
@@ -84,7 +84,7 @@ class HeldPoints:
         self.slanted = self._find_slanted()
 
     def at(self, factors: float | Sequence[float] | Floats) -> Points:
-        """Where the held components are, 0 for the free ones [m], shape (num_points, 3).
+        """Where the fixed components are, 0 for the free ones [m], shape (num_points, 3).
 
         Args:
             factors: Part of the full size of all supports, or one for each.
@@ -115,7 +115,7 @@ class HeldPoints:
         return vectors if self.slanted is None else self.slanted.to_global(vectors)
 
     def keep_free(self, vectors: Points) -> Points:
-        """Vectors along x, y, z without their held components."""
+        """Vectors along x, y, z without their fixed components."""
         return self.to_global(np.where(self.is_free != 0, self.to_local(vectors), 0.0))
 
     def keep_held(self, vectors: Points) -> Points:

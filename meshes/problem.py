@@ -43,10 +43,10 @@ __all__ = [
 
 
 class Strain(StrEnum):
-    """Strain measure: engineering strain (eq. 3-4) or Green strain (eq. 6-7).
+    """Engineering strain (eq. 3-4), or finite strain: for the paper's law Green strain (eq. 6-7).
 
-    With GREEN a material's own law holds, for finite strain, be it written in that or not. LINEAR
-    is its limit for small strains and turns, Hooke's law with the same E and nu.
+    GREEN means finite strain under every law, whether the law is written in Green strain or not.
+    LINEAR is its limit for small strains and rotations, Hooke's law with the same E and nu.
 
     >>> import palpate
     >>> palpate.Strain("green") is palpate.Strain.GREEN

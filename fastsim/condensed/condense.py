@@ -1,4 +1,4 @@
-"""Condense a body to its compliance at touched points; how much memory that takes."""
+"""Condense a body to its compliance at touched points, report the memory, store the model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from palpate.fastsim.condensed.setup import (
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem
 
-# What a model may take while it is made, where nobody says otherwise.
+# Default limit of the memory in use while a model is made [bytes].
 MOST_BYTES = 4_000_000_000
 
 
@@ -50,22 +50,22 @@ def condense(
     Args:
         problem: Mesh, material, supports, loads and springs; its tools and time are not read.
         element: Linear tetrahedra, plain or smoothed.
-        touched: Points on which forces may act, none held in all components; None is every such
+        touched: Points on which forces may act, none fixed in all components; None is every such
             point of the boundary.
-        seen: Points whose displacements are wanted besides; None is the touched ones alone.
-        precision: Of the kept compliance: single halves the memory, and is exact to 1e-7.
-        keep_inside: Keep what `CondensedModel.whole_displacement` needs.
+        seen: Further points whose displacements are wanted; None is the touched ones alone.
+        precision: Of the stored compliance: single halves the memory, and is exact to 1e-7.
+        keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
         most_bytes: Allowed while the model is made.
-        progress: Called with one line now and then; the first says what it takes.
+        progress: Called with one line now and then; the first states the memory and the work.
 
     Returns:
         The model.
 
     Raises:
         UnsupportedBodyError: The body can float.
-        CondensedTooLargeError: It would need more memory; nothing has been taken yet.
+        CondensedTooLargeError: It would need more memory; none has been allocated yet.
         NotCondensableError: A load that depends on the displacement, or a touched point that is
-            held.
+            fixed.
 
     Note:
         Engineering strain: wrong where the body turns or strains much.
@@ -88,10 +88,10 @@ def condense_setup(
     most_bytes: int,
     progress: Callable[[str], None] | None,
 ) -> CondensedModel:
-    """What `condense` does once it is set up.
+    """Condense a body whose matrix has been set up; see `condense`.
 
     Raises:
-        CondensedTooLargeError: As of `condense`.
+        CondensedTooLargeError: It would need more memory than `most_bytes`.
     """
     size = setup.size(precision, keep_inside)
     if size.peak_bytes > most_bytes:
@@ -112,7 +112,7 @@ def condense_setup(
     held = setup.is_free[setup.touched].reshape(-1) == 0
     dense[held, held] = 0.0
     columns = dense @ condensed.loads
-    # Displacements by each right-hand side, and where supports put held components.
+    # Displacements by each right-hand side, and where supports put fixed components.
     whole = setup.held_fields.copy()
     whole[components_of(setup.touched)] += columns
     numbers = np.empty((setup.num_blocks, 9), precision.dtype)
@@ -129,7 +129,7 @@ def condense_setup(
     setup.fill_touched(rows, dense)
     in_space = [setup.to_space(whole[:, k].reshape(-1, 3)) for k in range(whole.shape[1])]
     at_seen = np.array(in_space)[:, setup.seen]
-    # The matrix itself has become its inverse; it is not asked for again.
+    # The matrix has been overwritten by its inverse and is not needed again.
     inside = dataclasses.replace(condensed, stiffness=np.zeros((0, 0))) if keep_inside else None
     return CondensedModel(
         problem=setup.problem,
@@ -156,21 +156,21 @@ def condensed_size(
     precision: CompliancePrecision = CompliancePrecision.DOUBLE,
     keep_inside: bool = False,
 ) -> CondensedSize:
-    """Memory and work that `condense` would take, told without doing it.
+    """Memory and work that `condense` would take, without doing it.
 
     Args:
-        problem: As of `condense`; the other arguments as well.
-        element: Likewise.
-        touched: Likewise.
-        seen: Likewise.
-        precision: Likewise.
-        keep_inside: Likewise.
+        problem: Mesh, material, supports, loads and springs, as in `condense`.
+        element: Linear tetrahedra, plain or smoothed.
+        touched: Points on which forces may act; None is the boundary, as in `condense`.
+        seen: Further points whose displacements are wanted; None is none.
+        precision: Of the stored compliance.
+        keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
 
     Returns:
         Its size.
 
     Raises:
-        UnsupportedBodyError, NotCondensableError: As of `condense`.
+        UnsupportedBodyError, NotCondensableError: For the same reasons as in `condense`.
     """
     return CondensedSetup(problem, element, touched, seen).size(precision, keep_inside)
 
@@ -187,13 +187,13 @@ def load_condensed(
 
     Args:
         path: Of the file.
-        problem: As of `condense`; the other arguments as well.
-        element: Likewise.
-        touched: Likewise.
-        seen: Likewise.
+        problem: Mesh, material, supports, loads and springs, as in `condense`.
+        element: Linear tetrahedra, plain or smoothed.
+        touched: Points on which forces may act; None is the boundary, as in `condense`.
+        seen: Further points whose displacements are wanted; None is none.
 
     Returns:
-        The model, with its inside where that was kept.
+        The model, with its inside where that was stored.
 
     Raises:
         FileFormatError: No such file, no model, or one of another problem, element or points.
@@ -213,29 +213,29 @@ def condense_once(
     most_bytes: int = MOST_BYTES,
     progress: Callable[[str], None] | None = None,
 ) -> CondensedModel:
-    """The model from a folder where it is there, else made by `condense` and kept there.
+    """Read the model from a folder; if it is not there, make it by `condense` and store it there.
 
     A model's file is named by its key: mesh, material, supports, springs, loads, element, points,
-    precision and version. A file that cannot be used is made anew; nothing is ever taken away from
+    precision and version. A file that cannot be used is made anew; nothing is ever deleted from
     the folder, and a model's file is as large as `CondensedModel.num_bytes` and its inside.
 
     Args:
-        folder: Made where it is not there.
-        problem: As of `condense`; the other arguments as well.
-        element: Likewise.
-        touched: Likewise.
-        seen: Likewise.
-        precision: Likewise.
-        keep_inside: Likewise.
-        most_bytes: Likewise.
-        progress: Likewise.
+        folder: Created if it does not exist.
+        problem: Mesh, material, supports, loads and springs, as in `condense`.
+        element: Linear tetrahedra, plain or smoothed.
+        touched: Points on which forces may act; None is the boundary, as in `condense`.
+        seen: Further points whose displacements are wanted; None is none.
+        precision: Of the stored compliance.
+        keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
+        most_bytes: Allowed while the model is made.
+        progress: Called with one line now and then.
 
     Returns:
         The model, with its inside where that is asked for.
 
     Raises:
-        UnsupportedBodyError, CondensedTooLargeError, NotCondensableError: As of `condense`.
-        FileFormatError: The folder cannot be made; where a file cannot be written, that is told.
+        UnsupportedBodyError, CondensedTooLargeError, NotCondensableError: As in `condense`.
+        FileFormatError: The folder cannot be made. A file that cannot be written is only reported.
     """
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)

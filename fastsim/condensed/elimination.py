@@ -1,6 +1,6 @@
-"""Static condensation: what is left of a stiffness matrix at the points that are kept.
+"""Static condensation: a stiffness matrix reduced to its retained points, by nested dissection.
 
-With K cut into eliminated (e) and kept (k) points, u_e = y - X u_k and
+With K cut into eliminated (e) and retained (k) points, u_e = y - X u_k and
 
     S = K_kk - K_ke K_ee^-1 K_ek,      S u_k = f_k - K_ke K_ee^-1 f_e
 
@@ -25,13 +25,13 @@ _SMALL = 192  # a matrix that is inverted in one piece
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """A matrix condensed to the points that are kept.
+    """A matrix condensed to the retained points.
 
     Attributes:
         stiffness: S, shape (3 num_kept, 3 num_kept).
         loads: f_k - K_ke K_ee^-1 f_e for each right-hand side, (3 num_kept, num_columns).
-        dissection: Whose fronts these are.
-        couplings: X of each front, shape (3 num_own, 3 num_border); none where not kept.
+        dissection: Nodes to whose fronts `couplings` and `offsets` belong.
+        couplings: X of each front, shape (3 num_own, 3 num_border); empty if not stored.
         offsets: y of each front, shape (3 num_own, num_columns).
     """
 
@@ -42,15 +42,15 @@ class Condensed:
     offsets: list[Floats]
 
     def extend(self, kept: Floats, num_points: int, offsets: Floats | None = None) -> Floats:
-        """Displacements of all points from those of the kept ones.
+        """Displacements of all points from those of the retained ones.
 
         Args:
-            kept: Shape (3 num_kept, n).
+            kept: Displacements of the retained points, shape (3 num_kept, n).
             num_points: Of the mesh.
-            offsets: How much of each right-hand side there is, (num_columns, n); None is nothing.
+            offsets: Factor of each right-hand side, shape (num_columns, n); None is zero.
 
         Returns:
-            Shape (3 num_points, n); 0 where nothing was eliminated or kept.
+            Shape (3 num_points, n); 0 at points neither eliminated nor retained.
         """
         found = np.zeros((3 * num_points, kept.shape[1]))
         found[components_of(self.dissection.kept)] = kept
@@ -78,14 +78,14 @@ def condense_matrix(
     keeps_couplings: bool,
     progress: Callable[[str], None] | None = None,
 ) -> Condensed:
-    """Eliminate all points that are not kept.
+    """Eliminate all points that are not retained.
 
     Args:
         graph: Of the matrix.
         blocks: Its 3 x 3 blocks, symmetric and positive definite, shape (num_entries, 3, 3).
         loads: Right-hand sides, shape (3 num_points, num_columns).
         dissection: The order.
-        keeps_couplings: Whether what was eliminated may be asked for again.
+        keeps_couplings: Whether to store the couplings that `Condensed.extend` needs.
         progress: Called with one line now and then.
 
     Raises:
@@ -115,7 +115,7 @@ def condense_matrix(
         for target, first, end in ((front, 0, a), (beside, a, a + b)):
             inside = (columns >= first) & (columns < end)
             _blocks_of(target)[owner[inside], columns[inside] - first] = blocks[entries[inside]]
-        # The last fronts add to what is kept at once: their updates are the largest.
+        # The last fronts add to the retained matrix at once: their updates are the largest.
         is_last = number not in is_child
         update = stiffness if is_last else np.zeros((3 * b, 3 * b))
         rows = components_of(at_kept[node.border] if is_last else np.arange(b))
@@ -148,7 +148,7 @@ def condense_matrix(
 
 
 def invert_in_place(matrix: Floats) -> None:
-    """Put the inverse of a symmetric positive definite matrix in its place.
+    """Overwrite a symmetric positive definite matrix by its inverse.
 
     By halves: with W = A^-1 B and C' = C - B^T W, the inverse has C'^-1, -W C'^-1 and
     A^-1 + W C'^-1 W^T.
@@ -186,11 +186,10 @@ def _blocks_of(matrix: Floats) -> Floats:
 # Nested dissection: in which order points are eliminated, and how large every front is.
 #
 # George 1973, "Nested dissection of a regular finite element mesh": halves that do not touch are
-# eliminated first, then the points between them. Halves are told by coordinates, what touches by
-# the
+# eliminated first, then the points between them. Halves are found by coordinates, neighbours by the
 # matrix' own graph, so that the wider graph of the smoothed element needs nothing more. With the
 # multifrontal method (Duff and Reid 1983) all arithmetic is in dense fronts, one for each node of
-# the tree. Points that are kept are never eliminated: they are on the border of the last fronts.
+# the tree. Retained points are never eliminated: they are on the border of the last fronts.
 
 
 _LEAF = 48  # points that are not halved any more
@@ -229,7 +228,7 @@ class Node:
 
     Attributes:
         own: Points eliminated here.
-        border: Points eliminated later, or kept, ascending.
+        border: Points eliminated later, or retained, ascending.
         children: Numbers of the nodes before it that add to its front.
     """
 
@@ -244,7 +243,7 @@ class Dissection:
 
     Attributes:
         nodes: Children before parents.
-        kept: Points that stay, in the order in which they were given.
+        kept: Retained points, in the order in which they were given.
     """
 
     nodes: tuple[Node, ...]
@@ -252,19 +251,19 @@ class Dissection:
 
     @property
     def operations(self) -> float:
-        """Floating-point operations of elimination and of inverting what is kept."""
+        """Floating-point operations of elimination and of inverting the retained matrix."""
         sizes = ((3.0 * len(n.own), 3.0 * len(n.border)) for n in self.nodes)
         work = sum(2.0 / 3.0 * a**3 + 2.0 * a**2 * b + 2.0 * a * b**2 for a, b in sizes)
         return float(work + 4.0 / 3.0 * (3.0 * len(self.kept)) ** 3)
 
     @property
     def factor_bytes(self) -> int:
-        """Of what tells the eliminated points from those that are kept."""
+        """Memory of the factors from which the eliminated points follow."""
         return sum(_REAL * 9 * len(n.own) * len(n.border) for n in self.nodes)
 
     @property
     def peak_bytes(self) -> int:
-        """Most that is held at a time while eliminating and inverting, factors apart."""
+        """Largest memory in use while eliminating and inverting, without the factors."""
         waiting: dict[int, int] = {}
         used = dense = _REAL * 9 * len(self.kept) ** 2
         is_child = {k for node in self.nodes for k in node.children}
@@ -285,13 +284,13 @@ def dissect(points: Points, graph: Graph, eliminated: Indices, kept: Indices) ->
     """Order points for elimination.
 
     Args:
-        points: Places [m], shape (num_points, 3).
+        points: Positions [m], shape (num_points, 3).
         graph: Of the matrix.
         eliminated: Points to eliminate.
-        kept: Points that stay; none of `eliminated`.
+        kept: Points to retain; none of `eliminated`.
     """
     nodes: list[Node] = []
-    # 0 for what takes no part, 1 to be eliminated, 2 kept.
+    # 0 for points without a part in it, 1 for those to eliminate, 2 for retained ones.
     state = np.zeros(len(points), dtype=np.int8)
     state[eliminated], state[kept] = 1, 2
     for part in _parts(graph, state):
@@ -300,7 +299,7 @@ def dissect(points: Points, graph: Graph, eliminated: Indices, kept: Indices) ->
 
 
 def _parts(graph: Graph, state: NDArray[np.int8]) -> Iterator[Indices]:
-    """Points that hang together without those that are kept."""
+    """Connected components of the graph without the retained points."""
     left = state == 1
     while left.any():
         seen = np.zeros_like(left)

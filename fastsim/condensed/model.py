@@ -1,4 +1,4 @@
-"""The condensed linear model: what touched and seen points do under forces and supports.
+"""The condensed linear model: displacements at touched and seen points, and its file.
 
 u = u_loads + the columns of supports and of springs' anchors + C f, with C the compliance of the
 touched points: small strain, so everything adds. Equal to the linear solve on the whole mesh
@@ -55,7 +55,7 @@ class CondensedModel:
         anchor_displacements: Of the seen points by the anchor of each spring along x, y, z [m/m],
             shape (num_springs, 3, num_seen, 3).
         key: Of problem, element and points; a file of another key is refused.
-        inside: What the points inside follow by; None where that was not kept.
+        inside: From which the points inside follow; None if it was not stored.
     """
 
     problem: Problem
@@ -95,7 +95,7 @@ class CondensedModel:
 
         Args:
             forces: On the touched points, besides the problem's loads [N], shape (num_touched, 3);
-                None is none. Components that are held take none.
+                None is none. Fixed components take none.
             load_factor: Part of the problem's loads.
             support_factors: Part of the full size of all supports, or one for each.
             anchors: How far those of the springs are moved [m], shape (num_springs, 3); None is
@@ -156,10 +156,10 @@ class CondensedModel:
         """Displacement of all points of the mesh [m], shape (num_points, 3).
 
         Args:
-            forces: As of `displacement`; the other arguments as well.
-            load_factor: Likewise.
-            support_factors: Likewise.
-            anchors: Likewise.
+            forces: On the touched points [N], shape (num_touched, 3), as in `displacement`.
+            load_factor: Factor of the problem's loads.
+            support_factors: Factor of all supports, or one for each.
+            anchors: Displacements of the springs' anchors [m], shape (num_springs, 3).
 
         Raises:
             NotCondensableError: The model was made without `keep_inside`.
@@ -190,16 +190,16 @@ class CondensedModel:
         return f
 
 
-# Of the file and of what is in it; another one is refused.
+# Version of the file and its content; another one is refused.
 _VERSION = 2
 _NO_FLOATS = np.zeros(0)
 
 
 def model_key(setup: CondensedSetup, precision: CompliancePrecision) -> str:
-    """SHA-256 by which a model is known again.
+    """SHA-256 that identifies a model.
 
     Of the version, the element, the precision, and type, shape and bytes of what is condensed:
-    places, matrix (and so material, springs and supports), right sides, touched and seen points.
+    positions, matrix (and so material, springs and supports), right sides, touched and seen points.
     """
     words = (str(_VERSION), setup.element.value, precision.value)
     digest = hashlib.sha256("|".join(words).encode())
@@ -235,7 +235,7 @@ def _write_model(path: str | Path, model: CondensedModel) -> None:
 
 
 def read_model(path: str | Path, setup: CondensedSetup) -> CondensedModel:
-    """What `write_model` wrote, for what is set up.
+    """Read a model that `CondensedModel.save` wrote, for a body that has been set up.
 
     Raises:
         FileFormatError: No such file, no model, or one of another version, problem, element or
@@ -321,7 +321,7 @@ def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> P
     held = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
     at_touched = np.zeros_like(problem.mesh.points)
     at_touched[model.touched] = touched
-    # Free components follow the elimination; held ones are where their supports put them.
+    # Free components follow the elimination; fixed ones are where their supports put them.
     own = np.where(supports.is_free != 0, supports.to_local(at_touched), 0.0)[model.touched]
     found = model.inside.extend(
         own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]

@@ -1,4 +1,4 @@
-"""What is condensed: the matrix without held components, its right sides, the points' order."""
+"""Matrix, right-hand sides and order of points from which a model is condensed; its errors."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ COLUMNS = 384
 
 
 class CompliancePrecision(StrEnum):
-    """In which numbers the compliance is kept; everything is computed in double."""
+    """Number format of the stored compliance; everything is computed in double precision."""
 
     SINGLE = "single"
     DOUBLE = "double"
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the kept numbers."""
+        """Data type of the stored numbers."""
         return np.dtype(np.float32 if self is CompliancePrecision.SINGLE else np.float64)
 
 
@@ -68,13 +68,13 @@ class SupportTerm(NamedTuple):
 
 @dataclass(frozen=True)
 class CondensedSize:
-    """What condensing takes, told without doing it.
+    """Memory and work of condensing, estimated without doing it.
 
     Attributes:
         num_touched: Points on which forces may act.
         num_seen: Points whose displacements are known, the touched ones included.
-        model_bytes: Of the compliance that is kept.
-        peak_bytes: Most at a time while it is made.
+        model_bytes: Size of the stored compliance.
+        peak_bytes: Largest memory in use while it is made.
         operations: Floating-point operations, about; a core does 10 to 40 in a nanosecond.
     """
 
@@ -93,7 +93,7 @@ class CondensedSize:
 
 
 class CondensedSetup:
-    """The matrix with its held components cut out, its right sides, and the points' order."""
+    """The matrix without fixed components, its right-hand sides, and the order of points."""
 
     def __init__(
         self,
@@ -122,12 +122,12 @@ class CondensedSetup:
 
     @property
     def num_blocks(self) -> int:
-        """Of the compliance that is kept."""
+        """Number of 3 x 3 blocks of the stored compliance."""
         t = len(self.touched)
         return t * len(self.others) + t * (t + 1) // 2
 
     def size(self, precision: CompliancePrecision, keep_inside: bool) -> CondensedSize:
-        """What it takes."""
+        """Memory and work of condensing."""
         model = self.num_blocks * 9 * precision.dtype.itemsize
         order, t = self.dissection, len(self.touched)
         keeps = keep_inside or len(self.others) > 0
@@ -167,7 +167,7 @@ class CondensedSetup:
             row[len(self.others) :] = blocks
 
     def fill_others(self, rows: list[NDArray[Any]], response: Floats, begin: int) -> None:
-        """Put what the only seen points do under some columns of forces into the rows."""
+        """Put the response of the points that are only seen to columns of forces into the rows."""
         turns, n = self._turns(), len(self.others)
         for column in range(0, response.shape[1], 3):
             k = (begin + column) // 3
@@ -204,7 +204,7 @@ class CondensedSetup:
         blocks = numbers.reshape(-1, 3, 3)
         blocks *= free[rows][:, :, None]
         blocks *= free[columns][:, None, :]
-        # Held components are equations of their own.
+        # Fixed components are equations of their own.
         blocks[rows == columns] += (1.0 - free)[:, :, None] * np.eye(3)
         self.blocks: Floats = blocks
         self.terms = tuple(
@@ -226,7 +226,7 @@ class CondensedSetup:
 
 
 def surface_points(problem: Problem) -> Indices:
-    """Points of the boundary that are not held in all components, ascending."""
+    """Points of the boundary that are not fixed in all components, ascending."""
     mesh = problem.mesh
     is_free = HeldPoints(problem).is_free.any(axis=1)
     found: Indices = np.flatnonzero((lumped_areas(mesh, mesh.boundary_facets) > 0.0) & is_free)
@@ -241,7 +241,7 @@ def _kinds_of(support: Support) -> tuple[int, ...]:
 def held_fields_of(
     problem: Problem, supports: HeldPoints, terms: tuple[SupportTerm, ...]
 ) -> Floats:
-    """Where terms of factor 1 put held components, of points' own; first a column of zeros.
+    """Fixed components by terms of factor 1, along the points' own axes; first a column of zeros.
 
     Shape (3 num_points, 1 + len(terms)).
     """
@@ -307,7 +307,7 @@ class NotCondensableError(InputError):
 
 
 class CondensedTooLargeError(InputError):
-    """More memory than is allowed, told before any of it is taken.
+    """More memory than is allowed; raised before any of it is allocated.
 
     Attributes:
         needed_bytes: While the model is built.

@@ -1,4 +1,4 @@
-"""A static problem answered by its condensed model: loads, supports, tools along their paths."""
+"""A static problem solved by its condensed model: loads, supports, tools along their paths."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _SMALLEST_STEP = 1.0 / 4096.0
 
 @dataclass(frozen=True, eq=False)
 class CondensedResult:
-    """A static answer of the condensed model.
+    """A static solution by the condensed model.
 
     Attributes:
         displacement: Of all points [m], shape (num_points, 3).
         tool_forces: On each tool at the end of its path [N], shape (num_tools, 3).
         num_touched: Points of the compliance.
-        model_bytes: Of it.
+        model_bytes: Size of the compliance.
         steps: Of the tools.
         iterations: Newton iterations of contact.
     """
@@ -68,7 +68,7 @@ def solve_condensed(
     folder: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> CondensedResult:
-    """Answer a static problem by its condensed model: what `solve_static` finds by linear strain.
+    """Solve a static problem by its condensed model: what `solve_static` finds by linear strain.
 
     Loads on the boundary act through the compliance of the points that they push, tools through
     that of the points that they may touch.
@@ -77,9 +77,9 @@ def solve_condensed(
         problem: Statics; tools on paths, without friction, none a box.
         strain: Linear, or refused.
         element: Linear tetrahedra, plain or smoothed.
-        contact: How tools are kept out: None is the constraint.
+        contact: How contact is enforced: None is the constraint.
         most_bytes: Memory allowed.
-        folder: That keeps models, and from which they are taken: see `condense_once`; None is none.
+        folder: Where models are stored and read from: see `condense_once`; None stores none.
         progress: Called with one line now and then.
 
     Returns:
@@ -89,7 +89,7 @@ def solve_condensed(
         NotCondensableError: Green strain, a motion, or a tool that it does not know.
         UnsupportedBodyError: The body can float.
         CondensedTooLargeError: It needs more memory.
-        ToolInsideError, ToolTooSmallError: As of `solve_contact`.
+        ToolInsideError, ToolTooSmallError: For the same reasons as in `solve_contact`.
         ContactLostError: A tool's contact does not settle.
     """
     require_posable(problem, strain)
@@ -124,7 +124,7 @@ def solve_condensed(
 
 
 def require_posable(problem: Problem, strain: Strain) -> None:
-    """Refuse what the condensed model cannot be asked, with the reason.
+    """Refuse a problem that the condensed model cannot solve, with the reason.
 
     Raises:
         NotCondensableError: Green strain, a motion, or a tool that it does not know.

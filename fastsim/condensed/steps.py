@@ -1,4 +1,4 @@
-"""Steps of the condensed model with rigid tools: poses in, displacements and forces out."""
+"""The condensed model with rigid tools: steps from poses to forces, and a body to be driven."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, rotation_matrix
 
-# Vertices nearer than this part of an edge are looked at from the start of a step.
+# Vertices nearer than this fraction of an edge are checked from the start of a step.
 _REACH = 0.1
 
 
@@ -56,7 +56,7 @@ def require_known_tool(tool: RigidTool, number: int) -> None:
     """
     reason = ""
     if isinstance(tool.shape, BoxShape):
-        # Statics hold each vertex to one face, and let it go round an edge by steps of their own.
+        # Statics keep each vertex on one face, and let it pass an edge by steps of their own.
         reason = "is a box, over whose sharp edges vertices jump; give a capsule or a surface"
     elif tool.friction_coefficient > 0.0:
         reason = "has friction, which the condensed model does not know; solve by statics"
@@ -67,16 +67,16 @@ def require_known_tool(tool: RigidTool, number: int) -> None:
 
 
 class CondensedSteps:
-    """A condensed body under rigid tools that go wherever they are told, without inertia.
+    """A condensed body under rigid tools at any given poses, without inertia.
 
-    Columns of the compliance at 64 points, or as many as are touched at a time, are kept besides
+    Columns of the compliance at 64 points, or as many as are touched at a time, are cached beside
     the model: each 72 bytes for a seen point, 36 in single precision (9 MB for 2 000 of them).
 
     Args:
         model: The body.
         tools: Shapes, and the facets that they may touch; their paths are not read. None is the
             problem's tools.
-        law: How tools are kept out: None is the constraint, as in statics; with a penalty its
+        law: How contact is enforced: None is the constraint, as in statics; with a penalty its
             stiffness, or the same default.
         relative_tolerance: Of gaps and displacements at vertices beside tools, over the largest
             displacement there.
@@ -126,7 +126,7 @@ class CondensedSteps:
         support_factors: float | Sequence[float] = 1.0,
         anchors: ArrayLike | None = None,
     ) -> None:
-        """What acts besides the tools, from the next step on.
+        """Set what acts besides the tools, from the next step on.
 
         Args:
             forces: On the touched points [N], shape (num_touched, 3); None is none.
@@ -165,7 +165,7 @@ class CondensedSteps:
         )
 
     def clear(self) -> None:
-        """Forget all contact: the tools are away."""
+        """Forget all contact, as if the tools were away."""
         self._core.clear()
 
     @property
@@ -232,13 +232,13 @@ class CondensedBody:
     step, everything stays as it was and the tools may be sent elsewhere.
 
     Args:
-        model: Of `condense`. Its problem's tools begin where their paths do, its springs' anchors
-            at rest, whatever their paths say.
+        model: Made by `condense`. Its problem's tools begin where their paths do, the anchors of
+            its springs at rest, whatever their paths are.
 
     Attributes:
-        model: As given.
+        model: The condensed model.
         tools: In the problem's order.
-        springs: Likewise.
+        springs: In the problem's order.
         points: Numbers of the seen points in the mesh, shape (num_seen,).
         touching: Vertices that tools push.
         facets: Boundary facets all of whose points are seen, counted among `points`, shape (m, 3).

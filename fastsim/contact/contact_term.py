@@ -192,7 +192,7 @@ class ContactTerm:
         return count, is_again
 
     def rounding_error(self, body: Body) -> float:
-        """Norm of what rounding of places in space leaves of k A g [N]."""
+        """Norm of what rounding of positions in space leaves of k A g [N]."""
         touching = [w[a] for w, a in zip(self._weights, self._active, strict=True)]
         size = float(np.linalg.norm(np.concatenate([*touching, np.zeros(0)])))
         return 8.0 * float(np.finfo(float).eps) * float(np.abs(body.mesh.points).max()) * size

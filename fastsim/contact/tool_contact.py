@@ -53,7 +53,7 @@ class ToolContact:
 
     Attributes:
         tool: The tool.
-        vertices: Points that may touch, ascending: not held in all components, shape (n,).
+        vertices: Points that may touch, ascending: not fixed in all components, shape (n,).
         areas: Rest area of each [m2], shape (n,).
     """
 
@@ -97,7 +97,7 @@ def core_shape(shape: ToolShape) -> _core.ToolShape:
 
 
 def gaps_at(shape: _core.ToolShape, places: Points, pose: NDArray[np.void]) -> Gaps:
-    """Gaps of places in space [m], shape (n, 3), to a shape at a pose."""
+    """Gaps of positions in space [m], shape (n, 3), to a shape at a pose."""
     given = np.ascontiguousarray(places, dtype=np.float64)
     return Gaps(*shape.gaps(given, np.array(pose).reshape(1).view(np.float64).reshape(1, -1)))
 

@@ -438,7 +438,7 @@ class BodyData:
     Attributes:
         body: At rest.
         mass: Lumped [kg], shape (num_points,).
-        is_free: 1 where free, 0 where held, shape (num_points, 3).
+        is_free: 1 where free, 0 where fixed, shape (num_points, 3).
         time_step: [s].
         mass_damping: [1/s].
         displacement_limit: [m].
@@ -476,7 +476,7 @@ class BodyData:
 
     @property
     def mobility(self) -> Floats:
-        """Increment by a unit force [m/N], 0 where held, shape (num_points, 3)."""
+        """Increment by a unit force [m/N], 0 where fixed, shape (num_points, 3)."""
         each = self.time_step**2 / (self.mass * (1.0 + self.half_damping))
         found: Floats = np.where(self.is_free != 0, each[:, None], 0.0)
         return found

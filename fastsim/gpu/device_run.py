@@ -131,7 +131,7 @@ class DeviceRun:
         values: Floats,
         histories: NDArray[np.int32],
     ) -> None:
-        """Points held along one or two directions."""
+        """Points fixed along one or two directions."""
         self.data.slides = (points, directions, values, histories)
 
     def set_mass_damping(self, mass_damping: float) -> None:

@@ -1,6 +1,6 @@
 """How long edges may be, from place to place, and refinement until they are no longer.
 
-A size field is a function from places [m], shape (n, 3), to wanted edge lengths [m], shape (n,).
+A size field is a function from positions [m], shape (n, 3), to wanted edge lengths [m], shape (n,).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class TooManyCellsError(InputError):
 
 
 def distance_to_points(places: ArrayLike) -> Distance:
-    """Distance to the nearest of some places [m], shape (n, 3): a point, or a curve's points."""
+    """Distance to the nearest of some positions [m], shape (n, 3): a point, or a curve's points."""
     targets = checked_points(np.atleast_2d(np.asarray(places, dtype=np.float64)))
 
     def measure(points: Points) -> Floats:

@@ -1,4 +1,4 @@
-"""A surface as it comes made to bound a solid: all repairs in their order, each said."""
+"""Repair of a surface until it bounds a solid: all repairs in their order, each reported."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import OpenSurfaceError, SurfaceError, TriSurface
 from palpate.meshes.triangles import connected_parts
 
-# How far the surface may move where nothing is said, of its mean edge: the detail that it resolves.
+# Default distance by which the surface may move, over its mean edge: the detail it resolves.
 _EDGES = 2.0
 
 
@@ -56,7 +56,7 @@ def mend_surface(surface: TriSurface, choices: RepairChoices | None = None) -> M
         choices: What may be done.
 
     Raises:
-        SurfaceError: What cannot be mended, with the guilty facets.
+        SurfaceError: What cannot be repaired, with the facets at fault.
     """
     choices = choices or RepairChoices()
     repaired, report = repair_surface(
@@ -85,7 +85,7 @@ def mend_surface(surface: TriSurface, choices: RepairChoices | None = None) -> M
 
 
 def _require_mended(surface: TriSurface, report: RepairReport) -> None:
-    """Refuse what is still open or wrong, and say what was done and what might help."""
+    """Refuse a surface that is still open or wrong; state what was done and what might help."""
     try:
         require_closed(surface)
     except SurfaceError as error:
@@ -100,27 +100,27 @@ def _require_mended(surface: TriSurface, report: RepairReport) -> None:
         raise
 
 
-# Surfaces that cut themselves, mended in place: folds smoothed, sheets pulled apart, patches anew.
+# Self-intersecting surfaces: folds are smoothed, sheets pulled apart, patches made anew.
 #
-# Each place where facets cross is a patch by itself. Of three ways the one that moves the surface
+# Each region where facets cross is a patch by itself. Of three ways the one that moves the surface
 # least is taken: the patch and some rings around it are bent like a thin plate; its points are
 # pulled along their normals; or its facets are removed and the holes filled anew (Attene 2010, "A
 # lightweight approach to repairing digitized polygon meshes", does the last). What is left behind
 # has no crossing by the exact test.
 
 
-# Places that cross again after they were mended, with others, are tried again so often.
+# Number of further attempts at patches that cross others again after their repair.
 _MOST_ROUNDS = 6
-# Rings around facets that cross, within which they are mended.
+# Number of rings of facets around crossing ones that belong to a patch.
 _RINGS_AROUND = 12
-# Of the facets of the surface, which a patch may take: beyond, it is the organ itself.
+# Largest fraction of the surface's facets in a patch: beyond that it is the organ itself.
 _LARGEST_PART = 0.3
 # A way that moves the surface by less than this part of what is allowed needs no comparison.
 _GOOD_ENOUGH = 0.1
 
 
 class EntangledError(SurfaceError):
-    """Crossings that could not be mended within the distance; `.facets` holds them.
+    """Crossings that could not be repaired within the distance; `.facets` holds them.
 
     `.needed` is the distance that would have done, where one was found [m].
     """
@@ -175,7 +175,7 @@ class UntangleReport:
 def untangle(
     surface: TriSurface, *, distance: float
 ) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
-    """Mend the places where a surface cuts itself.
+    """Repair a surface where it cuts itself.
 
     Args:
         surface: Closed and consistently oriented [m]; facets have an area.
@@ -199,7 +199,7 @@ def untangle(
             break
         for guilty in [number[rows] for rows in _clusters(facets, pairs)]:
             rows = np.flatnonzero(np.isin(number, guilty))
-            # A patch beside it may have replaced or mended these facets meanwhile.
+            # A patch beside it may have replaced or repaired these facets meanwhile.
             if len(rows) < len(guilty) or not len(crossings_of(points, facets, rows)):
                 continue
             chosen = _least_moved(points, facets, rows, distance)
@@ -282,7 +282,7 @@ def _least_moved(
 
 
 def _clusters(facets: Indices, pairs: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """Facets that cross each other or share a point with others that do, place by place."""
+    """Facets that cross each other or share a point with others that do, in connected groups."""
     if not len(pairs):
         return []
     rows = np.unique(pairs)

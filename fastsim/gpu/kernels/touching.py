@@ -75,7 +75,7 @@ def make(kit: Kit) -> dict[str, Any]:
         begin: vec3d,
         known: int,
     ):
-        # A vertex with held components leaves the tool along another line than its normal.
+        # A vertex with fixed components leaves the tool along another line than its normal.
         rounds = int(most_corrections)
         if mobile[0] == mobile[1] and mobile[1] == mobile[2]:
             rounds = 1
