@@ -50,10 +50,10 @@ Function: TypeAlias = Callable[[Problem], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Who is judged.
+    """A simulator or result that is judged.
 
     Attributes:
-        name: For people, and the label of its states.
+        name: Name for people, and the label of its states.
         solve: Its state of a problem with a strain measure; raises CandidateFailedError.
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
@@ -95,9 +95,9 @@ def fastsim_candidate(
     Args:
         method: How it looks for equilibrium.
         element: Linear tetrahedra, plain or smoothed.
-        device: Of explicit steps: "cpu" is the compiled core; on others equilibrium is found by
+        device: Device of explicit steps: "cpu" is the compiled core; others find equilibrium by
             dynamic relaxation.
-        precision: Of a motion's steps.
+        precision: Precision of a motion's steps.
 
     Raises:
         DeviceUnavailableError: There is no such device, or Warp is not installed.
@@ -156,14 +156,14 @@ def candidates_for(
 
     Args:
         command: The program; fastsim where None.
-        time_limit: Of the program [s].
-        elements: Of fastsim; linear where None.
-        integrator: Of the program, where its result does not say; see `OutsideSimulator`.
-        time_step: That the program is asked for in the place of the case's [s].
-        iterations: For {iterations} of its command.
-        device: Of fastsim's explicit steps; see `fastsim_candidate`.
-        precision: Of them.
-        is_condensed: Whether fastsim's condensed linear model solves in its place.
+        time_limit: Time limit of the program [s].
+        elements: Elements of fastsim; linear where None.
+        integrator: Scheme of the program, where its result states none; see `OutsideSimulator`.
+        time_step: Time step that the program is asked for instead of the case's [s].
+        iterations: Number for {iterations} in its command.
+        device: Device of fastsim's explicit steps; see `fastsim_candidate`.
+        precision: Precision of those steps.
+        is_condensed: Whether fastsim's condensed linear model solves instead.
 
     Raises:
         InputError: The command line cannot be used, or an element or device goes with it.
@@ -221,7 +221,7 @@ def result_candidate(path: str | Path, element: Element | None = None) -> Candid
     """A result file that somebody brings.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         element: What its tetrahedra are, where it does not say so itself.
     """
     name = candidate_name(Path(path).stem)

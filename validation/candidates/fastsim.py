@@ -57,10 +57,10 @@ def run_fastsim(
         problem: The body with its supports and loads.
         strain: Strain measure.
         progress: Called with one line now and then.
-        method: Of statics; a motion is stepped.
+        method: Method of statics; a motion is stepped.
         element: Linear tetrahedra, plain or smoothed.
-        device: Of explicit steps: "cpu" is the compiled core.
-        precision: Of a motion's steps.
+        device: Device of explicit steps: "cpu" is the compiled core.
+        precision: Precision of a motion's steps.
 
     Raises:
         CandidateFailedError: It diverged, or returned NaN.

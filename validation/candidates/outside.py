@@ -1,7 +1,7 @@
 """Any program as a candidate: it reads a case folder and writes a result file.
 
-It runs under a supervisor with a time limit; all it started ends with it. A crash, no
-answer in time, no result file or NaN in it is the candidate's failure; a file that cannot be
+It runs under a supervisor with a time limit; all processes it started end with it. A crash, no
+result in time, no result file or NaN in it is the candidate's failure; a file that cannot be
 read is an input error.
 """
 
@@ -57,11 +57,11 @@ class OutsideSimulator:
 
     Args:
         command: For example "mysim {case} {result:vtu}".
-        time_limit: [s], > 0.
-        iterations: For the field of that name, > 0; None where there is none.
+        time_limit: Time limit [s], > 0.
+        iterations: Number for the field of that name, > 0; None where there is none.
         integrator: Its scheme, where its result does not say; None is the case's central
             differences.
-        time_step: That it is asked for in the place of the case's [s]; None is the case's.
+        time_step: Time step that it is asked for instead of the case's [s]; None is the case's.
 
     Raises:
         CommandError: A field is missing or named twice, iterations without a field or a field
@@ -133,11 +133,11 @@ class OutsideSimulator:
         """Run it on a problem.
 
         Returns:
-            Its result as it was read, and how long the program took [s].
+            The result as it was read, and how long the program took [s].
 
         Raises:
             CommandError: There is no such program.
-            ResultFileError: Its result cannot be read.
+            ResultFileError: The result cannot be read.
             CandidateFailedError: It crashed, took too long, or left no result.
             CannotPoseError: It ended with `NOT_POSED`.
         """

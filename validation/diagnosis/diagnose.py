@@ -78,7 +78,7 @@ def diagnose(
         reference: The reference's on the same mesh with that strain, if there is one.
         other_strain: The reference's on the same mesh with the other.
         ask: The candidate's displacement of other problems, where it can be asked again.
-        length_unit: In which places are given: m, cm or mm.
+        length_unit: Unit in which positions are given: m, cm or mm.
 
     Returns:
         What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
@@ -195,7 +195,7 @@ def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:
 
 
 def _where(body: Body, displacement: Points, length_unit: str) -> str:
-    """Where the stated equations fail, if that is at a few points only."""
+    """Positions where the stated equations fail, if those are few."""
     internal = body.internal(displacement)
     external = body.total(body.loads(displacement))
     scale = max(float(np.abs(internal).max()), float(np.abs(external).max()))

@@ -26,7 +26,7 @@ FAR_BETTER = 1e3
 CONVERGED = 1e-8
 # Fits this close to nothing are as good as each other.
 _AS_GOOD = 1e-9
-# Rounding: what is stated to less has nothing to explain.
+# Rounding: nothing has to be explained below this residual of the problem as stated.
 _TINY = 1e-15
 
 OF_DISPLACEMENT = "the reference's largest displacement"
@@ -37,7 +37,7 @@ OF_RELATION = "the largest displacement"
 
 
 class Cause(StrEnum):
-    """Where the mistake was made."""
+    """The part of a simulation in which the mistake was made."""
 
     AGREES = "none: the stated problem is solved"
     PRECISION = "precision"
@@ -57,8 +57,8 @@ class Explanation:
     """One explanation with what it leaves.
 
     Attributes:
-        name: In words, as "displacement in millimetres".
-        cause: Where the mistake was made.
+        name: The mistake in words, as "displacement in millimetres".
+        cause: The part of the simulation where it was made.
         residual: What is left when the mistake is undone, in parts of `of`.
         stated: What the problem as stated leaves, in parts of the same.
         of: What residuals are divided by.
@@ -194,7 +194,7 @@ def snapped(factor: float) -> float | None:
 
 
 def load_name(index: int, load: Load) -> str:
-    """A load for people: its place in the case, from 1, and its kind."""
+    """A load for people: its number in the case, from 1, and its kind."""
     return f"load {index + 1} ({_KINDS[type(load)]})"
 
 

@@ -36,11 +36,11 @@ class Finding:
 
     Attributes:
         check: What was asked.
-        kind: Of deformation.
-        error: Over the size of what was compared [-].
+        kind: Kind of deformation.
+        error: Error over the size of what was compared [-].
         limit: Largest error that passes [-].
-        worst: F there, (3, 3).
-        message: What is wrong, where something is.
+        worst: Deformation gradient F there, (3, 3).
+        message: What is wrong, if anything is.
     """
 
     check: str
@@ -57,11 +57,11 @@ class Finding:
 
 
 def check_law(law: LawOf, material: Material) -> list[Finding]:
-    """Look at a law at every deformation.
+    """Check a law at every deformation.
 
     Args:
-        law: Whose energy, stress and tangent.
-        material: What was stated.
+        law: The law whose energy, stress and tangent are checked.
+        material: The material as stated.
 
     Returns:
         A finding for each check and kind of deformation.
@@ -219,8 +219,8 @@ def name_of_stress(
 
     Args:
         P: First Piola-Kirchhoff stress [Pa], (n, 3, 3).
-        material: What was stated.
-        F: Where, (n, 3, 3).
+        material: The material as stated.
+        F: Deformation gradients, (n, 3, 3).
         known: Which components count, (3, 3); None is all.
     """
     weights = np.ones((3, 3)) if known is None else known.astype(float)

@@ -1,9 +1,9 @@
 """The stress of another simulator, by bodies of single cells that it is asked to bring to rest.
 
-Each cell may do all but turn and move: its first corner is held, the next along y and z, the third
+Each cell may do all but turn and move: its first corner is fixed, the next along y and z, the third
 along z, so that F is upper triangular. The dead forces on its free corners are those of the stated
-law at an F; the F that the simulator answers with is the one at which its own law has that
-stress. A wrong law shows as another F; its error here is that of the stress at the answer.
+law at an F; the F of the simulator's result is the one at which its own law has that
+stress. A wrong law shows as another F; its error here is that of the stress at the result.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
 def check_simulator(
     simulator: OutsideSimulator, material: Material, limit: float, progress: Progress
 ) -> list[Finding]:
-    """Hold what a simulator answers against the law that was stated.
+    """Compare a simulator's result with that of the law that was stated.
 
     Args:
         simulator: The program.
-        material: What it is told.
-        limit: Of the error of stress [-].
-        progress: Told what is run.
+        material: The material that it is asked for.
+        limit: Limit of the error of stress [-].
+        progress: Called with a line for each run.
 
     Returns:
         A finding for each kind of deformation; more where it sends stresses of its own.
 
     Raises:
-        CandidateFailedError: It gives no answer.
+        CandidateFailedError: It gives no result.
     """
     kinds = {
         kind: stable
@@ -92,7 +92,7 @@ def check_simulator(
 
 
 def _compare(asked: Array, answers: Array, material: Material, kind: str, limit: float) -> Finding:
-    """Of the components that are free: reactions are not known."""
+    """Compare components that are free only: reactions are not known."""
     right = stated_stress(material, answers)
     off = np.where(_FREE, right - asked, 0.0)
     scale = np.maximum(np.linalg.norm(asked, axis=(1, 2)), 0.01 * material.youngs_modulus)

@@ -34,7 +34,7 @@ def example_material(
 
 
 def following(material: Material, law: Law) -> Material:
-    """The same moduli at rest and density, by another law."""
+    """A material of the same density and moduli at rest that follows another law."""
     mu = material.youngs_modulus / (2.0 * (1.0 + material.poissons_ratio))
     return dataclasses.replace(
         material,
@@ -126,7 +126,7 @@ class LawOf(Protocol):
 
     @property
     def name(self) -> str:
-        """Whose."""
+        """Name of the program or author of the law."""
 
     def energy(self, F: Array) -> Array:
         """W [J/m3], (n,)."""
@@ -146,7 +146,7 @@ def separate_cells(count: int, edge: float = 1.0) -> TetMesh:
 
 
 def displacements(F: Array) -> Points:
-    """Of the corners of separate cells [m], (4 n, 3)."""
+    """Displacements of the corners of separate cells [m], (4 n, 3)."""
     moved: Points = (CORNERS @ (F - np.eye(3)).transpose(0, 2, 1)).reshape(-1, 3)
     return moved
 

@@ -1,6 +1,6 @@
-"""Slips in a motion: the start of it is stepped again with each of them.
+"""Hypotheses of a motion: its first steps are repeated with each mistake in them.
 
-Only where the candidate's step is known: the case's, or the one that the candidate names. What is
+This needs the candidate's step: the case's, or the one that the candidate names. What is
 shown in statics by equilibrium is shown here by the steps themselves.
 """
 
@@ -61,7 +61,7 @@ _STEPPINGS = {
     "every state stored one step late": MotionHypothesis(late=-1),
     "every state stored one step early": MotionHypothesis(late=1),
 }
-# Of a fitted number: how far it is moved to see the change, and how often it is mended.
+# Fitted numbers: how far one is moved to see the change, and how often it is corrected.
 _NUDGE = 1e-5
 _ROUNDS = 8
 _UNTRIED = "mechanical mistakes were not tried"
@@ -93,7 +93,7 @@ def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]
     """Try each hypothesis, and numbers to fit where none of the plain ones fits.
 
     Args:
-        stepper: Of the problem as stated.
+        stepper: The stepper of the problem as stated.
         fields: The candidate's displacement at the outputs [m], (num_times, num_points, 3).
     """
     wanted = fields[1 : stepper.num_outputs + 1]
@@ -275,7 +275,7 @@ def _fit(stepper: Stepper, slip_of: Callable[[float], MotionHypothesis], wanted:
         if squared == 0.0 or left > 0.9 * last:
             return factor
         step = float((slope * (wanted - here)).sum()) / squared
-        # A factor keeps its sign, and comes no nearer to 0 than half of itself at a time.
+        # A factor does not change sign, and comes no nearer to 0 than half of itself at a time.
         factor, last = max(factor + step, 0.5 * factor), left
         if abs(step) < 1e-13 * factor:
             return factor

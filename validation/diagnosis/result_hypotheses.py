@@ -205,7 +205,7 @@ def _retimed(fields: Fields, reference: Fields, stated: float) -> Iterator[Expla
 Ask = Callable[[Problem], Points]
 _AXIS = (1.0, 2.0, -0.5)
 _ANGLE_DEG = 70.0
-# What solvers leave of a relation: one that is kept better says no more.
+# What solvers leave of a relation: one that is satisfied better says no more.
 _NOISE = 1e-9
 _SLOPE = np.array([[0.01, 0.005, 0.0], [-0.004, -0.008, 0.01], [0.0, 0.006, 0.005]])
 
@@ -227,7 +227,7 @@ def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[
     outer = np.unique(mesh.boundary_facets)
     affine = mesh.points @ _SLOPE
     patch = transforms.prescribe(mesh, problem.material, outer, affine)
-    # The patch has no inclusions: nor may the body have, for it to be told apart.
+    # The patch has no inclusions; the test is conclusive only where the body has none either.
     kept = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
     given, back = transforms.renumber(problem)
     kept = max(kept, float(np.abs(back(ask(given)) - result).max()) / scale)
@@ -237,10 +237,10 @@ def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[
 
 
 def turned_otherwise(kept: float, broken: float) -> Explanation:
-    """What relations say of isotropy.
+    """What the relations show about isotropy.
 
     Args:
-        kept: The most that any relation is off which a law that is not isotropic keeps.
+        kept: Largest error in a relation that every law satisfies, isotropic or not.
         broken: How far the result to the turned problem is from the result turned.
     """
     name = (

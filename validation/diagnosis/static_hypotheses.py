@@ -47,17 +47,17 @@ from palpate.validation.states import State
 
 
 class StaticResult:
-    """What every mistake of a static case is tried on.
+    """The state of a static case on which every mistake is tried.
 
     Attributes:
-        body: Of the problem as stated.
-        displacement: The candidate's [m].
+        body: The body of the problem as stated.
+        displacement: The candidate's displacement [m].
         apart: Its distance from the reference; None where there is no reference.
         internal: Its internal force [N].
         loads: The force of each load [N].
         external: Their sum, and that of springs.
-        miss: How far fixed components are off.
-        stated: What is left of the equations as stated.
+        miss: Largest error of fixed components, relative [-].
+        stated: Residual of the equations as stated.
     """
 
     def __init__(self, body: Body, displacement: Points, apart: float | None = None) -> None:
@@ -82,7 +82,7 @@ class StaticResult:
         rows: Mask | None = None,
         miss: float | None = None,
     ) -> Explanation:
-        """The equations with a mistake in them: what is not given is as stated."""
+        """The equations with a mistake in them; what is not given is as stated."""
         left = self._left(
             self.internal if internal is None else internal,
             self.external if external is None else external,
@@ -109,7 +109,7 @@ def cause_of(factor: float, otherwise: Cause) -> Cause:
     return Cause.UNITS if is_unit(factor) else otherwise
 
 
-# Forces that differ by less cannot be told apart.
+# Forces that differ by less cannot be distinguished.
 _DEPENDENT = 1e-9
 # Rows for each unknown: fewer, and a fit says nothing.
 _ROWS_EACH = 5
@@ -119,7 +119,7 @@ def fit(columns: Sequence[Points], target: Points, rows: Mask) -> Points | None:
     """Factors c with the least |sum c_k column_k - target|^2 over these components.
 
     Returns:
-        (len(columns),); None where the columns cannot be told apart there, or one vanishes.
+        (len(columns),); None where the columns are not independent there, or one vanishes.
     """
     matrix = np.stack([column[rows] for column in columns], axis=1)
     wanted = target[rows]
@@ -443,7 +443,7 @@ def material_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     if has_forces:
         found = fit([volume_part, shape_part], result.external, body.free)
     else:
-        # Without forces only the ratio of the two can be told.
+        # Without forces only the ratio of the two is determined.
         found = fit([volume_part], -shape_part, body.free)
         found = None if found is None else np.array([found[0], 1.0])
     if found is None:

@@ -98,8 +98,8 @@ def write_case_folder(
     """Write a case for other simulators; the folder is made if it is not there.
 
     Args:
-        folder: Where; files of the same names are replaced.
-        problem: In SI units.
+        folder: The folder to write to; files of the same names are replaced.
+        problem: The problem, in SI units.
         strain: Which of the two laws is asked for.
         name: The case's name.
         title: One line for people.

@@ -60,8 +60,8 @@ def fixed_components(
     leave no freedom.
 
     Args:
-        problem: With its supports.
-        time: Of their amplitudes [s]; at full size where None.
+        problem: The problem with its supports.
+        time: Time at which amplitudes are taken [s]; full size where None.
 
     Returns:
         `fixed`, 1 where it is, shape (num_points, 3); `prescribed_displacement` [m], the same
@@ -88,10 +88,10 @@ class SlidingPoints:
     """Points that are fixed along directions that are not x, y or z, or along several.
 
     Attributes:
-        points: Their numbers, shape (n,).
-        projectors: Onto the fixed directions, shape (n, 3, 3).
-        places: Their displacement along these [m], shape (n, 3).
-        rank: How many directions, shape (n,).
+        points: Their indices, shape (n,).
+        projectors: Projectors onto the fixed directions, shape (n, 3, 3).
+        places: Their prescribed displacement along these [m], shape (n, 3).
+        rank: Number of fixed directions, shape (n,).
     """
 
     points: NDArray[np.int32]
@@ -100,7 +100,7 @@ class SlidingPoints:
     rank: NDArray[np.int64]
 
     def fixed_part(self, vectors: Points) -> Points:
-        """Of these points' vectors, (n, 3), from those of all points."""
+        """The part along the fixed directions of these points' vectors, (n, 3), of all vectors."""
         part: Points = np.einsum("nij,nj->ni", self.projectors, vectors[self.points])
         return part
 
@@ -163,7 +163,7 @@ def pushes_of_supports(problem: Problem, forces: Points) -> Points:
     """Total force that each support exerts [N], (num_supports, 3), of nodal forces where fixed.
 
     What several fix along x, y, z counts for each; on slanted planes each pushes along its
-    normal, as far as these tell them apart.
+    normal, as far as the normals are independent.
     """
     totals = np.zeros((len(problem.supports), 3))
     slopes = _all_slopes(problem, None)
@@ -250,7 +250,7 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
 
     A constant density gives every corner a quarter of its cell's force, a constant traction a
     third of its facet's; one that varies is integrated exactly. Pressure follows the surface and
-    has no place here: it gives zero.
+    is not a dead load: it gives zero.
     """
     force = np.zeros_like(mesh.points)
     match load:

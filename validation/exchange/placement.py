@@ -2,7 +2,7 @@
 
 In this order: `original_id` says which point is which; points that lie where the case's lie are
 matched by position; the same number of points without positions is taken in order; another mesh
-of the same body is kept beside what it says at the case's points.
+of the same body is stored beside its values at the case's points.
 """
 
 from __future__ import annotations

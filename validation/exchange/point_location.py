@@ -62,12 +62,12 @@ class Nearest:
 
 
 def locate(points: Points, cells: Indices | Rows, places: Points) -> Location:
-    """Find the cell that holds each of some points.
+    """Find the cell that contains each of some points.
 
     Args:
-        points: Of the mesh [m], (num_points, 3).
+        points: Points of the mesh [m], (num_points, 3).
         cells: Its tetrahedra, (num_cells, 4), none flat.
-        places: What is located [m], (num_places, 3), finite.
+        places: Positions that are located [m], (num_places, 3), finite.
     """
     corners = points[cells]
     inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
@@ -108,8 +108,8 @@ def nearest_on_surface(
     """Find the nearest point on any facet; of equally near facets the first.
 
     Args:
-        places: From where [m], (num_places, 3), finite.
-        points: Of the surface [m], (num_points, 3).
+        places: Positions from which is searched [m], (num_places, 3), finite.
+        points: Points of the surface [m], (num_points, 3).
         facets: One or more, (num_facets, 3).
         within: No farther than this is the surface known to be [m], (num_places,).
     """
@@ -133,9 +133,9 @@ def _within_reach(places: Points, reach: Points, corners: Floats) -> Iterator[tu
     """Points with the items whose spheres come within their reach, some points at a time.
 
     Args:
-        places: [m], (num_places, 3).
-        reach: Of each of them [m], (num_places,).
-        corners: Of the items, which lie between them [m], (num_items, 3 or 4, 3).
+        places: Positions [m], (num_places, 3).
+        reach: Reach of each position [m], (num_places,).
+        corners: Corners of the items, which lie between them [m], (num_items, 3 or 4, 3).
 
     Yields:
         Numbers of points and of items, one of each for every pair. Rounding adds a few that lie
@@ -150,7 +150,7 @@ def _within_reach(places: Points, reach: Points, corners: Floats) -> Iterator[tu
     largest = max(float(np.abs(corners).max()), float(np.abs(places).max()))
     # What `_INSIDE` allows, and rounding.
     radii = (1.0 + 1e-7) * radii + 64.0 * float(np.finfo(float).eps) * largest
-    # Items of one power of two share a tree: few large ones make none of the small ones seem large.
+    # One tree for items of one power of two: a few large ones widen no search among small ones.
     sizes = np.frexp(radii)[1]
     kinds = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     trees = [cKDTree(centres[items]) for items in kinds]

@@ -59,7 +59,7 @@ class ResultFile:
     """A result as it stands, in metres.
 
     Attributes:
-        path: Where it was read.
+        path: The file that was read.
         values: Displacement, or positions, [m]; (num_times, num_points, 3).
         are_positions: Whether `values` are positions.
         times: [s], (num_times,); None for a single state.
@@ -68,7 +68,7 @@ class ResultFile:
         original_id: Number in the case of each point, (num_points,), if given.
         cauchy_stress: Of the last state [Pa], (n, 3, 3), by `cells`, or by the case's where it
             gives none; symmetric to rounding.
-        case_key: Of the case it answers, if given.
+        case_key: Key of the case that it solves, if given.
         about: Tool, version, law: what the simulator says of itself.
     """
 
@@ -301,7 +301,7 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     Args:
         path: .vtu, .vtk or .npz; a file of that name is replaced.
         problem: What was solved.
-        state: Its solution, at the mesh's points.
+        state: The state, at the mesh's points.
 
     Returns:
         One line that says what is in the file.

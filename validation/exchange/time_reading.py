@@ -25,7 +25,7 @@ class TimeReading:
     Attributes:
         states: Best reading, (num_times, num_points, 3).
         others: The reading of one order less that is farther from it; the same where sent.
-        were_sent: Where a state was sent at that time, (num_times,).
+        were_sent: Whether a state was sent at that time, (num_times,).
     """
 
     states: NDArray[np.float64]

@@ -32,7 +32,7 @@ def import_model(path: Path, target: Path, units: UnitSystem | None = None) -> I
     Args:
         path: .feb, .inp, or .xml (MuJoCo).
         target: The case file to be; its mesh goes beside it, with the ending .msh.
-        units: Of the file, which says nothing of them.
+        units: Units of the file, which does not state them.
 
     Returns:
         What was written, with what a reader has to know, and what was left out.

@@ -107,9 +107,9 @@ class _Tables:
     """Supports and loads of a model as tables of a case, with the groups of its mesh they name.
 
     Args:
-        model: In its own units of length, like the mesh.
+        model: The model in its own units of length, like the mesh.
         taken: Names of other groups of the mesh.
-        acceleration: Of a unit of force by volume [m/s2].
+        acceleration: Acceleration of a unit of force by volume [m/s2].
     """
 
     def __init__(self, model: Model, taken: Iterable[str], acceleration: float) -> None:

@@ -186,7 +186,7 @@ def _body(material: Element) -> Body:
 def _bodies_of_cells(
     material_of: list[tuple[Element, str, int]], names: dict[str, int]
 ) -> NDArray[np.int64]:
-    """Of each cell the index of its material."""
+    """Index of each cell's material, (num_cells,)."""
     rows = []
     for element, name, count in material_of:
         if name not in names:

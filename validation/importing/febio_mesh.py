@@ -25,8 +25,8 @@ class FebioMesh:
     """Nodes, tetrahedra and named sets as rows of nodes; `notes` say what was cut.
 
     Args:
-        sections: Of the file, by tag.
-        version: Of its format.
+        sections: Sections of the file, by tag.
+        version: Version of its format.
 
     Raises:
         ImportRefusedError: Elements that cannot be cut into tetrahedra, or what cannot be read.

@@ -84,16 +84,16 @@ class Model:
         path: The file.
         program: "FEBio 4.0": for people.
         nodes: (num_nodes, 3).
-        corners: Of tetrahedra, (num_cells, 4).
-        middles: Of quadratic ones, (num_cells, 6); -1 where a cell has none.
+        corners: Corners of tetrahedra, (num_cells, 4).
+        middles: Middle nodes of quadratic ones, (num_cells, 6); -1 where a cell has none.
         bodies: Materials.
-        body_of: Of each cell, the index of its material.
+        body_of: Index of each cell's material, (num_cells,).
         labels: The file's own number of each node: for messages.
         holds: Supports.
         faces: Pressures and tractions.
-        forces: On each node, (num_nodes, 3).
-        acceleration: Of gravity, or None.
-        body_force: By volume, where the file gives it so.
+        forces: Force on each node, (num_nodes, 3).
+        acceleration: Acceleration of gravity, or None.
+        body_force: Force by volume, where the file gives it so.
         notes: What a reader has to know: what was read into something else than it says.
         ignored: What was left out because it changes no mechanics, with its line.
     """
@@ -169,7 +169,7 @@ class UnitSystem(StrEnum):
         return float(f"{density * FORCE[table['force']] / LENGTH[table['length']] ** 4:.15g}")
 
     def metres_per_second_squared(self, acceleration: float) -> float:
-        """Of an acceleration in length / s2."""
+        """Turn an acceleration in length / s2 into m/s2."""
         return acceleration * LENGTH[self.table["length"]]
 
 

@@ -34,7 +34,7 @@ _WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
 class FittedTraction:
     """A traction whose consistent nodal forces were found: facets by corner nodes, (n, 3).
 
-    It is affine with these values at these places; one place where it is uniform.
+    It is affine with these values at these positions; one position where it is uniform.
     """
 
     facets: NDArray[np.int64]
@@ -49,9 +49,9 @@ def fit_tractions(
 
     Args:
         nodes: (num_nodes, 3).
-        corners: Of boundary facets, (num_facets, 3).
+        corners: Corners of boundary facets, (num_facets, 3).
         middles: Nodes half-way along their edges 12, 23, 31, (num_facets, 3); -1 without.
-        forces: On nodes, (num_nodes, 3).
+        forces: Forces on nodes, (num_nodes, 3).
     """
     is_loaded = np.any(np.abs(forces) > 1e-12 * np.abs(forces).max(initial=0.0), axis=1)
     # The corners of a quadratic facet carry nothing of a uniform traction; its middles all.
@@ -76,9 +76,9 @@ def fit_body_force(
     """The uniform force by volume that forces on inner nodes stand for, (3,); None if none does.
 
     Args:
-        weights: Of each node the integral of its shape function, (num_nodes,).
+        weights: Integral of each node's shape function, (num_nodes,).
         is_inside: Nodes that are not on the boundary, (num_nodes,).
-        forces: On nodes, (num_nodes, 3).
+        forces: Forces on nodes, (num_nodes, 3).
     """
     inside = forces[is_inside]
     if len(inside) < 2 or not inside.any():

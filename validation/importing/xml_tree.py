@@ -30,12 +30,12 @@ class Element:
 
     @property
     def source(self) -> Source:
-        """Where it stands."""
+        """The element's file and line."""
         return Source(self.path, self.line)
 
     @property
     def text(self) -> str:
-        """Its own text, trimmed."""
+        """The element's own text, trimmed."""
         return "".join(self.parts).strip()
 
     def __iter__(self) -> Iterator[Element]:
@@ -59,25 +59,25 @@ class Element:
         return self.attributes[name]
 
     def id(self) -> int:
-        """Its attribute id, a whole number."""
+        """The attribute id, a whole number."""
         return whole(self.require("id"), self.source, f"<{self.tag} id=...>")
 
     def refuse(self, reason: str) -> ImportRefusedError:
-        """The error that names its line."""
+        """The error that names the element's line."""
         return self.source.refuse(reason)
 
     def numbers(self, text: str | None = None) -> list[float]:
-        """Its text, or another, as numbers separated by commas or spaces."""
+        """The element's text, or another, as numbers separated by commas or spaces."""
         words = (self.text if text is None else text).replace(",", " ").split()
         return [finite(word, self.source, f"<{self.tag}>") for word in words]
 
     def wholes(self, text: str | None = None) -> list[int]:
-        """Its text, or another, as whole numbers."""
+        """The element's text, or another, as whole numbers."""
         words = (self.text if text is None else text).replace(",", " ").split()
         return [whole(word, self.source, f"<{self.tag}>") for word in words]
 
     def number(self) -> float:
-        """Its text as one number."""
+        """The element's text as one number."""
         found = self.numbers()
         if len(found) != 1:
             raise self.refuse(f"<{self.tag}>: needs one number, has {self.text[:40]!r}")
@@ -89,7 +89,7 @@ class Element:
         return found is not None and found.number() != 0.0
 
     def vector(self, text: str | None = None) -> tuple[float, float, float]:
-        """Its text as three numbers."""
+        """The element's text as three numbers."""
         found = self.numbers(text)
         if len(found) != 3:
             raise self.refuse(f"<{self.tag}>: needs three numbers, has {len(found)}")
