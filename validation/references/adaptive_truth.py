@@ -23,7 +23,7 @@ from palpate.validation.references.runs import state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 DEGREE = 2
-# Where a file's provenance keeps the record of such a truth.
+# Key of the record of such a truth in a file's provenance.
 ADAPTIVE = "adaptive"
 # Asked for only where a check does.
 ENERGY = "strain_energy"
@@ -36,15 +36,15 @@ def whole_metrics(problem: Problem) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class TruthRequest:
-    """What is asked of a stored truth.
+    """What a stored truth has to reach, and the budget for it.
 
     Attributes:
         bar: Largest error bar that is small enough, relative [-].
-        seconds: Of the reference's budget, for each strain measure.
-        memory: Likewise [GB].
-        metrics: Of the whole body, whose bars are to be that small, by strain measure; the others'
-            are what they are.
-        unknowns: Of the largest mesh.
+        seconds: Time budget of the reference for each strain measure [s].
+        memory: Its memory budget [GB].
+        metrics: Metrics of the whole body, whose bars are to be that small, by strain measure; of
+            others no bar is asked.
+        unknowns: Most unknowns of the largest mesh.
         parts: Pairs of a metric and the part of the body it is asked in, by strain measure, with
             bars as small.
         start: See `solve_adaptively`.
@@ -139,7 +139,7 @@ def refine_truth(
         ),
         start=request.start,
     )
-    # The budget is kept by not beginning; what was begun is not cut off.
+    # The budget is respected by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)
     assert isinstance(found, AdaptiveResult)
     progress(f"{TRUTH}, {strain} strain: {found.ended}")

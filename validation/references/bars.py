@@ -46,14 +46,14 @@ NOISE = 1e-8
 SAFETY_FACTOR = 3.0
 # P1 and P2 farther apart than this say nothing of how far P2 is from the limit.
 FAR = 0.5
-# Where a file's provenance keeps the parts.
+# Key of the parts in a file's provenance.
 PARTS = "bar_parts"
 # And what the case's mesh is a polyhedron of.
 GEOMETRY = "geometry"
 _WORDS = {"discretisation": "mesh"}
-# Of the whole: a smaller part is not reported in a verdict.
+# Fraction of the whole: a smaller part is not reported in a verdict.
 _WORTH_REPORTING = 0.01
-# Of the largest nodal force: what supports a body that balances itself is left with the rounding.
+# Fraction of the largest nodal force: supports of a body in balance carry only rounding.
 _NO_FORCE = 1e-6
 
 
@@ -62,12 +62,12 @@ class BarParts:
     """Parts of one error bar, each >= 0, in one unit; infinite where a cause cannot be bounded.
 
     Attributes:
-        discretisation: Of the mesh and the degree of its elements.
-        algebra: Of equations solved to a tolerance.
-        time: Of the time step.
-        geometry: Of the case's polyhedron from the true surface: beside the whole.
-        reading: Of one comparison: between the points and times that were sent.
-        stated: Of one comparison: of the number expected, as the case states it.
+        discretisation: Error of the mesh and the degree of its elements.
+        algebra: Error of equations solved to a tolerance.
+        time: Error of the time step.
+        geometry: Distance of the case's polyhedron from the true surface; not part of the whole.
+        reading: Error of one comparison: reading between the points and times that were sent.
+        stated: Error of one comparison: the expected number's own, as the case states it.
 
     >>> BarParts(discretisation=0.003, time=0.001, geometry=0.2).whole
     0.004
@@ -130,7 +130,7 @@ def as_record(parts: Mapping[tuple[str, Strain], BarParts]) -> dict[str, dict[st
 
 
 def recorded(provenance: Mapping[str, Any], metric: str, strain: Strain, bar: float) -> BarParts:
-    """The parts that a file keeps of a bar; of one without them all is discretisation."""
+    """The parts that a file records of a bar; without any, all of it is discretisation."""
     table = provenance.get(PARTS)
     row = table.get(f"{metric}|{strain}") if isinstance(table, Mapping) else None
     return read_row(row) or BarParts(discretisation=bar)
@@ -164,7 +164,7 @@ def has_point_forces(problem: Problem, state: State | None = None) -> bool:
     """Whether forces act on single points: loads, or supports without facets that carry any.
 
     Args:
-        problem: What is supported and loaded.
+        problem: The problem with its supports and loads.
         state: Where its nodal forces are known, supports of single points count only if they carry
             some; otherwise all of them do.
     """

@@ -1,6 +1,6 @@
 """Errors of whole displacement fields against quadratic elements, and what fastsim takes to solve.
 
-What studies of error against run time share.
+Studies of error against run time use it.
 """
 
 from __future__ import annotations

@@ -2,12 +2,12 @@
 
 A case's truth solves the polyhedron that the case gives. Beside it the true body is solved: the
 same cells cut in eight, once as they are and once with the boundary on the true surface, with the
-same supports and loads (a force or a moment keeps its size, a pressure or traction its pascals).
+same supports and loads (a force or moment has the same size, a pressure or traction its pascals).
 All else is alike in the two, so that what they differ by is the surface, however coarse the cells.
 Chords leave a gap of second order in the length of an edge, and of the finer body's a quarter is
 left, so that the whole is 4/3 of the difference, and 5/3 of it a bound.
 
-Tools keep their paths in space, as somebody who places a probe by coordinates would: where the
+Tools have the same paths in space, as a probe positioned by coordinates has: where the
 true surface is nearer it is pressed deeper, and that is geometry too. A motion is solved implicitly
 with few steps, and but for small bodies with linear tetrahedra, the same in both: two more runs of
 about the cost of one of the truth's, which fall short by up to 15 per cent of the part.
@@ -75,8 +75,8 @@ class _Pair:
 
     Attributes:
         case: The case.
-        body: Its true body.
-        degree: Of the elements.
+        body: The case's true body.
+        degree: Degree of the elements.
         strain: Strain measure.
         near: The truth at the case's points.
         progress: Called with one line for each solve.
@@ -116,12 +116,12 @@ def with_geometry(
 
     Args:
         case: The case.
-        references: Of the case, with a truth and bars.
+        references: The references of the case, with a truth and bars.
         progress: Called with one line for each solve.
-        strains: Of the truths whose part is wanted.
+        strains: Strain measures of the truths whose part is wanted.
         request: Which parts of the body, and whether the energy, are asked for besides.
-        is_for_storing: Only what has a bar: a file knows of nothing else.
-        seconds: That the solves of one strain measure may take [s].
+        is_for_storing: Whether only metrics with a bar are measured: a file stores no others.
+        seconds: Most time that the solves of one strain measure may take [s].
 
     Raises:
         InputError: A surface of `[truth]` that cannot be used, or a mesh too coarse for it.
@@ -139,7 +139,7 @@ def with_geometry(
     try:
         body = true_body(case)
     except InputError as error:
-        # Nobody who takes a built-in shape has another surface at hand.
+        # A user of a built-in shape has no other surface to give.
         if case.spec.geometry.shape is None:
             raise
         failures = {strain.value: str(error) for strain in truths}
@@ -191,7 +191,7 @@ def _how(case: Case, body: TrueBody) -> dict[str, Any]:
 def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
     """By metric, or part of the body, how far the true body is from the polyhedron.
 
-    In units of the metric's scale.
+    The distance is in units of the metric's scale.
     """
     problem, base = pair.case.problem, pair.body.base
     near = pair.near.displacement
@@ -222,7 +222,7 @@ def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
 
 
 def _of_motion(pair: _Pair) -> Found:
-    """The same of a motion."""
+    """The same distances for a motion."""
     problem = pair.case.problem
 
     def solve(of: Problem) -> State:
@@ -338,7 +338,7 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
 
     Args:
         case: The case.
-        references: Of the case, stored or solved here.
+        references: The references of the case, stored or solved here.
     """
     if not any(spec.against == "truth" for spec in case.checks):
         return []

@@ -106,16 +106,16 @@ def solve_motion_set(
     """The explicit runs and the truth of a dynamic case, one for each strain measure.
 
     Args:
-        problem: With a time span.
+        problem: The problem with a time span.
         progress: Called with one line for each run.
         wanted: What checks ask for: "same_mesh", "truth".
-        stored: Where it has a truth, that is taken instead of solving here.
+        stored: A set whose truth is taken, if it has one, instead of solving here.
         is_for_storing: Three time steps and three meshes for the error bars; otherwise two steps,
             and one mesh refined where the body bends.
-        elements: Of the explicit runs.
-        strains: Of which.
-        truth_strains: Of the truth, where those are fewer.
-        seconds: That an explicit run, and the runs of a truth that is not for storing together,
+        elements: Elements of the explicit runs.
+        strains: Strain measures of those runs.
+        truth_strains: Strain measures of the truth, where those are fewer.
+        seconds: Most time that an explicit run, and all runs of a truth that is not for storing,
             may take [s], > 0.
 
     Returns:
@@ -284,7 +284,7 @@ def refine_where_rough(problem: Problem, run: State) -> tuple[Problem, float]:
     """The next mesh, and the part of the roughness that is in the cells cut for it [-].
 
     Args:
-        problem: Whose mesh is refined.
+        problem: The problem whose mesh is refined.
         run: Its motion.
     """
     for bulk in BULKS:
@@ -301,9 +301,9 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
     (after O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Meth. Engng 24, 1987).
 
     Args:
-        mesh: Of the run.
+        mesh: Mesh of the run.
         run: With its trajectory at the mesh's points.
-        part: Of the whole, summed over the outputs [-], 0 to 1.
+        part: Fraction of the whole, summed over the outputs [-], 0 to 1.
 
     Returns:
         Which cells, shape (num_cells,).
@@ -348,11 +348,11 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
 
     Norms of what lies between two runs are never small by chance. Where they shrink more slowly
     than any order that is believed, or grow by less than LARGEST_GROWTH, as where a mesh was cut in
-    some places only, their bar is three times their range likewise: no less than two runs alone
+    some places only, their bar is three times their range too: no less than two runs alone
     would make it.
 
     Args:
-        problem: Whose points the runs are read at.
+        problem: The problem at whose points the runs are read.
         runs: Three, the shortest step or the finest mesh first, each half the next.
     """
     try:

@@ -48,7 +48,7 @@ class ReferenceSet:
         origin: One line on where this comes from.
         failures: Why a state is missing, by (label, strain).
         provenance: Versions and how it was made.
-        element: Whose states "the same mesh" means.
+        element: The element whose states "the same mesh" means.
         aside: States of other elements on that mesh, which no candidate is compared with: error
             bars of the truth follow from them, whoever is judged.
         remarks: What a reader must know of its bars, a sentence each.
@@ -77,9 +77,9 @@ class ReferenceSet:
         """Another state on the case's mesh with the element, or why there is none.
 
         Args:
-            strain: Of it.
+            strain: Its strain measure.
             state: Replaces the one that is there.
-            note: Of it, for who reads the verdict; left out where there is no state.
+            note: A note on it for the reader of the verdict; left out where there is no state.
             failure: Why there is no state.
         """
         place = (OF_ELEMENT[self.element], strain)
@@ -144,9 +144,9 @@ class ReferenceSet:
         Args:
             problem: The case's.
             strain: Strain measure.
-            metric: Its name.
-            name: Of the bar that a stored truth has for it.
-            read: The number of a state.
+            metric: Name of the metric.
+            name: Name of the bar that a stored truth has for it.
+            read: Function that returns the number of a state.
         """
         linear, truth = self._linear(strain), self.stress_truth(strain)
         if truth is None or truth.label == TRUTH or linear is None:

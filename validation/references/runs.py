@@ -100,7 +100,7 @@ def solve_explicit(
         strain: Strain measure.
         progress: Called with one line.
         element: Linear tetrahedra, plain or smoothed.
-        time_limit: Of the run [s], > 0.
+        time_limit: Time limit of the run [s], > 0.
 
     Raises:
         InputError: The case states no time step: then there is nothing to be equal to.
@@ -201,9 +201,9 @@ def solve_implicit(
         strain: Strain measure.
         steps_per_output: Steps from one output to the next, >= 1.
         progress: Called with one line now and then.
-        degree: Of the elements.
-        at: The mesh whose points are kept; one it was refined from has them first.
-        time_limit: Of the run [s], > 0.
+        degree: Degree of the elements.
+        at: The mesh at whose points the result is given; a mesh refined from it has them first.
+        time_limit: Time limit of the run [s], > 0.
 
     Raises:
         InputError: A load or tool that cannot be used.
@@ -261,9 +261,9 @@ def solve_reference(
     other is implicit, with four steps from output to output.
 
     Args:
-        problem: In statics with the tools at the end of their paths.
+        problem: The problem; statics take the tools at the end of their paths.
         strain: Strain measure.
-        degree: Of the elements, 1 to 3; of a motion 1 or 2.
+        degree: Degree of the elements, 1 to 3; of a motion 1 or 2.
         progress: Called with one line now and then.
         formulation: Of statics: with pressure among the unknowns where MIXED; see
             `formulation_for` where None.
@@ -330,7 +330,7 @@ def first_state(found: AdaptiveResult, **rest: Any) -> State:
 
 
 def stresses_of(found: ReferenceResult) -> CellStresses:
-    """Its stresses of cells."""
+    """Cell stresses of a result."""
     return CellStresses(
         found.second_piola_kirchhoff_stress,
         found.cauchy_stress,

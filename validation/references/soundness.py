@@ -65,7 +65,7 @@ def find_contradictions(
     """Everything that cannot be in a case's references; empty where nothing is wrong.
 
     Args:
-        problem: Of the case.
+        problem: The case's problem.
         references: As read from a file.
         thoroughly: Repeat every step of a motion on the same mesh, not the first few only.
     """

@@ -78,8 +78,8 @@ def solve_for_storing(
         problem: The case's.
         progress: Called with one line for each run.
         wanted: What checks go against; of a motion nothing else is solved.
-        truth_strains: Of the truth, which takes the most time; all where empty.
-        request: What is asked of a static truth: small bars of everything that is of the whole
+        truth_strains: Strain measures of the truth, which takes the most time; all where empty.
+        request: What a static truth has to reach: small bars of every metric of the whole
             body where None.
 
     Raises:
@@ -173,15 +173,15 @@ def solve_live(
     Args:
         problem: The case's.
         progress: Called with one line for each thing done.
-        stored: Where it has a truth, that is taken with its bars.
+        stored: A set whose truth is taken with its bars, if it has one.
         wanted: Of a motion, what checks ask for: "same_mesh", "truth".
-        elements: On the same mesh.
+        elements: Elements of the states on the same mesh.
         request: Bars asked of the truth, and of which metrics; of all where None. Its time is at
             most SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
             do not give; without them P2 is not tried there either where those have none.
-        strains: Of which.
-        unknowns: Of the largest mesh of a static truth.
+        strains: Strain measures that are solved.
+        unknowns: Most unknowns of the largest mesh of a static truth.
         known: States of a static problem that are not solved again.
     """
     if problem.time is not None:
@@ -234,7 +234,7 @@ def solve_live(
 
 
 def unknowns_of(problem: Problem) -> int:
-    """Of P2 on the case's mesh: three at each point and edge."""
+    """Number of unknowns of P2 on the case's mesh: three at each point and edge."""
     mesh = problem.mesh
     pairs = np.sort(mesh.cells[:, EDGES].reshape(-1, 2), axis=1).astype(np.int64)
     num_edges = len(np.unique(pairs[:, 0] * mesh.num_points + pairs[:, 1]))
@@ -330,11 +330,11 @@ class _LiveRun:
         )
 
     def bars(self) -> Bars:
-        """Of graded meshes where there are any, of P1 and P2 otherwise."""
+        """Bars from graded meshes where there are any, from P1 and P2 otherwise."""
         return estimate_bars(self.problem, self.states) | self._graded
 
     def says_of_bars(self) -> str:
-        """Where the bars come from."""
+        """A line on how the bars were found."""
         parts = [f"error bars of {TRUTH}: from graded meshes"] if self._graded else []
         if any((TRUTH, s) not in self.states and (QUADRATIC, s) in self.states for s in Strain):
             parts.append(
@@ -361,10 +361,10 @@ class _LiveRun:
 
 
 def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict[str, float]:
-    """Bars of a truth on graded meshes: of three or more as stored ones have, else of two.
+    """Bars of a truth on graded meshes: from three or more as stored ones have, else from two.
 
     Returns:
-        By metric; none of one mesh alone.
+        Bars by metric; none where there is one mesh alone.
     """
     from palpate.reference.adaptivity.error_bars import error_bar_of_two
     from palpate.reference.adaptivity.goals import has_point_forces

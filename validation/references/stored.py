@@ -112,9 +112,9 @@ def load_stored(
     """Read a case's stored references and check that they belong to it and can be right.
 
     Args:
-        name: Of the case.
-        problem: Of the case now.
-        folder: Where they lie; that of the built-in cases where None.
+        name: Name of the case.
+        problem: The case's problem as it is now.
+        folder: Folder of the references; that of the built-in cases where None.
         called: What the case is called on the command line, if not by its name.
 
     Raises:
@@ -163,9 +163,9 @@ def accept_pending(
     """Make what was built for a case its accepted references.
 
     Args:
-        name: Of the case.
-        problem: Of the case now.
-        acceptance: Who, why, when and what changed; stored in the provenance.
+        name: Name of the case.
+        problem: The case's problem as it is now.
+        acceptance: Who accepted, why, when and what changed; stored in the provenance.
         beside: See `references_folder`.
 
     Raises:
@@ -283,7 +283,7 @@ def _stress_fields(state: State) -> list[Any]:
 
 
 def _are_same(one: list[Any], other: list[Any]) -> bool:
-    """To the last bit."""
+    """Whether two lists of arrays are the same to the last bit."""
     return len(one) == len(other) and all(
         a is b or (a is not None and b is not None and np.array_equal(a, b))
         for a, b in zip(one, other, strict=True)
@@ -301,11 +301,11 @@ def write_reference(
     """Write references with their hash, whole or not at all.
 
     Args:
-        path: Where.
-        name: Of the case.
-        key: Of the problem they belong to.
-        references: What is written.
-        provenance: Who made and accepted them, and with what.
+        path: The file to write.
+        name: Name of the case.
+        key: Key of the problem that they belong to.
+        references: The references to write.
+        provenance: Who made and accepted them, and with which versions.
     """
     header: dict[str, Any] = {
         "schema": SCHEMA,

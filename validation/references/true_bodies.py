@@ -53,10 +53,10 @@ _FINER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class TrueBody:
-    """What the true body is, and meshes to hold against each other.
+    """The true body, and meshes that are compared with each other.
 
     Attributes:
-        of: In words: "a cylinder".
+        of: Name of the body in words: "a cylinder".
         base: The case's polyhedron.
         others: The same cells with their boundary on the true surface, or as far as it may be.
         factor: What their difference is multiplied by.
@@ -119,7 +119,7 @@ def with_volume(mesh: TetMesh, volume: float) -> TetMesh:
 
 
 def _own_parts(case: Case, units: Units) -> list[CurvedPart]:
-    """Of a built-in curved shape."""
+    """Curved parts of a built-in shape."""
     spec, mesh = case.spec.geometry, case.problem.mesh
     given = [r for r in (spec.radius, spec.inner_radius) if r is not None]
     radii = [units.metres(radius) for radius in given]
@@ -136,7 +136,7 @@ def _own_parts(case: Case, units: Units) -> list[CurvedPart]:
 
 
 def _along(mesh: TetMesh, surface: TriSurface) -> list[CurvedPart]:
-    """The whole boundary, each point at the nearest place of a surface."""
+    """The whole boundary, each point at the nearest point of a surface."""
 
     def project(places: Points) -> Points:
         found = nearest_on_surface(places, surface.points, surface.facets)
@@ -152,9 +152,9 @@ def on_moved(specs: Sequence[LoadSpec], units: Units, problem: Problem, mesh: Te
 
     Args:
         specs: The loads as the case says them.
-        units: Of the case.
-        problem: With those loads, in their order.
-        mesh: Its mesh, moved.
+        units: Units of the case.
+        problem: The problem with those loads, in their order.
+        mesh: Its mesh with moved points.
     """
     loads = [
         _again(spec, units, load, problem.mesh, mesh)
