@@ -24,8 +24,7 @@ from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import OCHRE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Page, Table
 from palpate.validation.states import Progress, in_silence
-from palpate.validation.studies.of_case import findings_of, judge_live, page_of
-from palpate.validation.studies.study import Study
+from palpate.validation.studies.study import Study, findings_of, judge_live, page_of
 
 FACTORS = (0.1, 0.25, 0.5, 0.75, 1.0)
 

@@ -237,12 +237,12 @@ def _at_equal_error(nu: float, who: str, other: Sequence[Run], smoothed: Sequenc
     return Finding(
         f"nu = {nu:g}: smoothed tetrahedra are quicker than {who} at every error from "
         f"{100 * LEVELS[0]:g} to {100 * LEVELS[-1]:g} %",
-        _told(times) if times else "neither gets there",
+        _in_words(times) if times else "neither gets there",
         gravest([Verdict.PASSED if ratio > 1.0 else Verdict.FAILED for ratio in times.values()]),
     )
 
 
-def _told(times: Mapping[float, float]) -> str:
+def _in_words(times: Mapping[float, float]) -> str:
     """Ratios in words, stretch by stretch of who is quicker."""
     words = []
     for is_quicker, stretch in groupby(times.items(), key=lambda item: item[1] > 1.0):

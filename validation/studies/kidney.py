@@ -16,8 +16,7 @@ from palpate.validation.metrics.difference import make_state
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Progress, State
-from palpate.validation.studies.of_case import findings_of, judge_live, page_of
-from palpate.validation.studies.study import Study
+from palpate.validation.studies.study import Study, findings_of, judge_live, page_of
 
 # The kidney case on its mesh and on that mesh cut in eight, twice: numbers, order, error bar.
 #

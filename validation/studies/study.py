@@ -1,7 +1,8 @@
-"""What a study is: compute, judge, present. What it leaves is the same for all."""
+"""What a study is: compute, judge, present. What it writes is the same for all."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,12 @@ from typing import Generic, TypeVar
 
 from rich.console import Console
 
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.outputs import results_json
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.study_page import Finding, Page, leave
-from palpate.validation.states import ExitCode, Progress
+from palpate.validation.states import ExitCode, Progress, Verdict
 
 Found = TypeVar("Found")
 
@@ -43,3 +48,27 @@ class Study(Generic[Found]):
         return leave(
             folder, console, name=name, title=self.title, about=about, findings=findings, page=page
         )
+
+
+# A case of the paper as a study: its checks are the findings, its report is the page.
+
+
+def judge_live(name: str, progress: Progress) -> CaseResult:
+    """Judge a built-in case, its reference solved here where FEniCSx is."""
+    return judge_case(load_case(name), live=True, progress=progress)
+
+
+def findings_of(result: CaseResult) -> list[Finding]:
+    """The case, then each of its checks."""
+    passed = sum(check.verdict is Verdict.PASSED for check in result.checks)
+    whole = f"{passed} of {len(result.checks)} checks passed"
+    return [
+        Finding(f"case {result.name}", whole, result.verdict),
+        *(Finding(c.name, c.message, c.verdict) for c in result.checks),
+    ]
+
+
+def page_of(result: CaseResult) -> Page:
+    """The case's report, and its results by the schema of every other verb."""
+    text = results_json([result], str(result.provenance["palpate"]))
+    return Page(numbers=json.loads(text), case=result)

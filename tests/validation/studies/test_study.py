@@ -14,8 +14,8 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.report.plots import Figure
 from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import ExitCode, Progress, Verdict
-from palpate.validation.studies import STUDIES, load_study, of_case
-from palpate.validation.studies.study import Study
+from palpate.validation.studies import STUDIES, load_study
+from palpate.validation.studies.study import Study, findings_of, page_of
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -80,10 +80,10 @@ def test_a_study_leaves_page_figures_tables_and_numbers(
 
 def test_a_case_as_a_study_has_its_own_report_and_its_checks_as_findings(tmp_path: Path) -> None:
     result = judge_case(load_case("block"))
-    findings = of_case.findings_of(result)
+    findings = findings_of(result)
     assert len(findings) == 1 + len(result.checks)
     assert findings[0].verdict is result.verdict is Verdict.PASSED
-    study = Study("Block", "B.", lambda _progress: result, of_case.findings_of, of_case.page_of)
+    study = Study("Block", "B.", lambda _progress: result, findings_of, page_of)
     assert study.run("block", tmp_path, lambda _line: None, Console(quiet=True)) == 0
     document = json.loads((tmp_path / "results.json").read_text("utf-8"))
     assert [case["name"] for case in document["cases"]] == ["block"]

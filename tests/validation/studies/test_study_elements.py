@@ -68,13 +68,13 @@ def test_who_is_quicker_is_told_error_by_error() -> None:
     crossing = curve(LINEAR, [0.01, 1.0, 100.0], [0.1, 0.025, 0.00625])
     found = elements_bar.quickness(crossing, FAST)
     assert all((ratio > 1.0) == (level < 0.025) for level, ratio in found.items())
-    told = elements_bar._told(found)
+    told = elements_bar._in_words(found)
     assert told == "10 to 2.5 %: 1 to 10 times slower; 2.4 to 1 %: 1 to 4.6 times as quick"
     assert verdicts(crossing, FAST)[sooner(LINEAR)] is Verdict.FAILED
     # Who gets only so far is beaten from there on.
     short = curve(LINEAR, [0.4, 4.0, 5.0], [0.1, 0.025, 0.02])
     assert min(elements_bar.quickness(short, FAST).items())[1] == math.inf
-    assert elements_bar._told(elements_bar.quickness(short, FAST)).endswith(
+    assert elements_bar._in_words(elements_bar.quickness(short, FAST)).endswith(
         "below 2 % the other never gets there"
     )
 
