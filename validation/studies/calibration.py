@@ -118,8 +118,9 @@ def _read(folder: Path, entry: Mapping[str, Any]) -> Known:
         )
         volume, area = arrays["sizes"].tolist()
         solution = replace(state, volume=volume, surface_area=area)
-    names = ("name", "family", "is_apart", "given")
-    return Known(*(entry[key] for key in names), problem, strain, solution, doubts or {})
+    name, family, is_apart = entry["name"], entry["family"], entry["is_apart"]
+    given, doubts = entry["given"], doubts or {}
+    return Known(name, family, is_apart, given, problem, strain, solution, doubts)
 
 
 class Number(NamedTuple):
