@@ -1,8 +1,8 @@
 """Linear systems: direct when small, multigrid with rigid modes when large, lagged in motion.
 
-From step to step of a motion the tangent changes little, and by contact in a few nodes only; that
-of a linear body not at all. Then factors of an earlier one leave conjugate gradients few
-iterations, each of them far cheaper than to factor anew.
+From step to step of a motion the tangent changes little, and by contact at a few nodes only; that
+of a linear body is constant. Conjugate gradients preconditioned by the factors of an earlier
+tangent then need few iterations, each of them far cheaper than a new factorisation.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from palpate.reference.fenicsx import PETSc, is_met_by_all
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
 LARGEST_DIRECT = 15_000
-# Up to here a matrix that multigrid cannot work with is factored after all: about 3 GB.
+# Up to this size a matrix for which multigrid fails is factored instead: about 3 GB.
 LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
 
 
 class LinearSolveError(RuntimeError):
-    """The linear solver gave up: the tangent is singular, or not positive definite."""
+    """The linear solver failed: the tangent is singular, or not positive definite."""
 
 
 @contextlib.contextmanager
 def errors_of(name: str) -> Iterator[None]:
-    """Turn an error of PETSc that every rank meets into a solver's.
+    """Turn an error of PETSc that occurs on every rank into a LinearSolveError.
 
-    One that a single rank meets stays what it is: the others wait for it inside the solve.
+    An error on some ranks only is raised unchanged: the other ranks wait inside the solve.
 
     Args:
-        name: Of the solver.
+        name: Name of the solver.
 
     Raises:
-        LinearSolveError: In the place of PETSc's.
+        LinearSolveError: PETSc raised an error on every rank.
     """
     try:
         yield
@@ -54,8 +54,8 @@ class PreconditionerError(LinearSolveError):
 
 
 def hold(matrix: Any, held: Indices, x: Any, b: Any, *, is_symmetric: bool) -> None:
-    """Replace the held rows and columns of matrix x = b by those of the values in x."""
-    # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
+    """Replace the fixed rows and columns of matrix x = b by equations for the values in x."""
+    # The mean size of the diagonal preserves the condition number; 1.0 would not for E = 1e9.
     diagonal = matrix.getDiagonal()
     typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
     diagonal.destroy()
@@ -87,7 +87,7 @@ def _solution(x: Any, held: Indices, values: Floats) -> Floats:
 
 
 def symmetric_part(matrix: Any) -> Any:
-    """(A + A^T) / 2 as a PETSc matrix of its own, to be destroyed by the caller."""
+    """(A + A^T) / 2 as a new PETSc matrix, to be destroyed by the caller."""
     part = PETSc.Mat()
     matrix.transpose(part)
     part.axpy(1.0, matrix)
@@ -101,13 +101,13 @@ class LinearSolver:
     Args:
         coordinates: Rest position of each node that this rank owns [m], shape (num_blocks, 3).
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
-        has_contact: Whether contact stiffens some nodes along one direction: a smoother that
-            looks at one degree of freedom at a time then needs a wider bound.
-        is_always_direct: Also where multigrid would be cheaper: for tangents that need not be
-            positive definite.
-        num_multipliers: Unknowns besides displacements (pressures), each a negative pivot of a
-            stable body; with any, always direct.
-        largest_direct: Unknowns up to which it is direct; LARGEST_DIRECT where None.
+        has_contact: Whether contact stiffens some nodes along one direction: Jacobi's smoother
+            then needs a wider bound of the eigenvalues.
+        is_always_direct: Factor also where multigrid would be cheaper: for tangents that need not
+            be positive definite.
+        num_multipliers: Number of unknowns besides displacements (pressures), each a negative pivot
+            of a stable body; the solver is direct where there are any.
+        largest_direct: Largest number of unknowns for factors; LARGEST_DIRECT where None.
         to_local: Turns a flat vector along x, y, z to the axes that the unknowns are along.
     """
 
@@ -153,18 +153,18 @@ class LinearSolver:
         is_same_matrix: bool = False,
         is_near: bool = False,
     ) -> Floats:
-        """Return du with matrix du = rhs on the free entries and du = values on the held ones.
+        """Return du with matrix du = rhs on the free entries and du = values on the fixed ones.
 
-        Overwrites the held rows and columns of the matrix.
+        Overwrites the fixed rows and columns of the matrix.
 
         Args:
             matrix: PETSc matrix.
-            rhs: Right-hand side, the entries this rank owns, shape (num_dofs,).
+            rhs: Right-hand side, the entries that this rank owns, shape (num_dofs,).
             held: Prescribed entries, shape (n,).
             values: Their values, shape (n,).
             tolerance: Relative residual at which an iterative solve stops.
-            is_same_matrix: As in the last solve: what it prepared serves again.
-            is_near: Nearly so: multigrid may serve again, factors do not.
+            is_same_matrix: The matrix is that of the last solve: use its factors or multigrid.
+            is_near: The matrix is nearly that of the last solve: use its multigrid, but no factors.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -179,13 +179,13 @@ class LinearSolver:
     def solve_once_more(
         self, matrix: Any, rhs: Floats, held: Indices, *, tolerance: float
     ) -> Floats:
-        """Return du of another right-hand side, and du = 0 where held.
+        """Return du for another right-hand side, with du = 0 at the fixed entries.
 
         Args:
-            matrix: As the last `solve` left it.
-            rhs: See there.
-            held: As then.
-            tolerance: See there.
+            matrix: The matrix as the last `solve` left it.
+            rhs: See `solve`.
+            held: The same entries as in the last `solve`.
+            tolerance: See `solve`.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -205,7 +205,7 @@ class LinearSolver:
         tried: Sequence[bool],
         tolerance: float,
     ) -> Floats:
-        """Solve, and destroy x and b. `tried`: in turn, whether what was prepared last serves."""
+        """Solve, and destroy x and b. `tried`: whether to use the last preparation, in turn."""
         try:
             for is_prepared in tried:
                 if not (is_prepared or self._is_direct):
@@ -227,14 +227,14 @@ class LinearSolver:
             b.destroy()
 
     def destroy(self) -> None:
-        """Give factors or multigrid levels back at once."""
+        """Free factors or multigrid levels at once."""
         self._ksp.destroy()
 
     def is_positive_definite(self, matrix: Any, held: Indices) -> bool:
         """Whether a symmetric matrix is positive definite on its free entries.
 
-        Small: by the signs of the pivots. Large: whether conjugate gradients meet a direction of
-        negative curvature on the way to a random right-hand side.
+        A small matrix is tested by the signs of its pivots, a large one by whether conjugate
+        gradients for a random right-hand side meet a direction of negative curvature.
         """
         x, b = matrix.createVecs()
         b.array[:] = np.random.default_rng(fenicsx.COMM.rank).standard_normal(b.local_size)
@@ -245,7 +245,7 @@ class LinearSolver:
                 self._attach_rigid_modes(matrix, held)
             self._ksp.setOperators(matrix)
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
-            # The multigrid of the last Newton step, one small step away, serves as well.
+            # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
             self._ksp.getPC().setReusePreconditioner(not self._is_direct)
             try:
                 self._run(b, x)
@@ -265,7 +265,7 @@ class LinearSolver:
         return int(negative) == self._num_multipliers and int(zero) == 0
 
     def _factor_instead(self, matrix: Any, b: Any, x: Any) -> bool:
-        """Solve by factors where multigrid is none; return whether all pivots are positive."""
+        """Solve by factors where multigrid fails; return whether all pivots are positive."""
         if not self._may_fall_back:
             raise LinearSolveError(
                 f"the preconditioner of {self.name} is not positive definite, nor perhaps the "
@@ -285,7 +285,7 @@ class LinearSolver:
             self._ksp.solve(b, x)
         reason = self._ksp.getConvergedReason()
         if reason < 0:
-            # What multigrid cannot do says nothing about the matrix.
+            # A failure of multigrid does not show that the matrix is indefinite.
             if reason == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC:
                 raise PreconditionerError
             raise LinearSolveError(
@@ -298,9 +298,9 @@ class LinearSolver:
         ksp = PETSc.KSP().create(fenicsx.COMM)
         ksp.setType("preonly")
         ksp.setOptionsPrefix("palpate_reference_direct_")
-        # MUMPS tells the signs of the pivots only where it also looks for null ones.
+        # MUMPS reports the signs of the pivots only where it also looks for null pivots.
         PETSc.Options("palpate_reference_direct_")["mat_mumps_icntl_24"] = 1
-        # Of a symmetric matrix L D L^T, whose pivots also tell whether it is positive definite.
+        # A symmetric matrix is factored as L D L^T, whose pivots show if it is positive definite.
         ksp.getPC().setType("cholesky" if self._is_symmetric else "lu")
         ksp.getPC().setFactorSolverType("mumps")
         ksp.setFromOptions()
@@ -317,14 +317,14 @@ class LinearSolver:
             "mg_levels_ksp_type": "chebyshev",
             "mg_levels_pc_type": "jacobi",
             "mg_levels_ksp_max_it": 3,
-            # Smoothing up to so many times the estimated largest eigenvalue. Contact adds k n n^T
-            # at single nodes: up to 3 against its diagonal, which the estimate's few steps miss.
+            # Smooth up to this multiple of the estimated largest eigenvalue. Contact adds k n n^T
+            # at single nodes: up to 3 over its diagonal, which the few steps of the estimate miss.
             "mg_levels_ksp_chebyshev_esteig": "0,0.2,0,3.0" if self._has_contact else "0,0.1,0,1.1",
         }.items():
             options[key] = value
         ksp.setType("cg" if self._is_symmetric else "fgmres")
         ksp.getPC().setType("gamg")
-        # The stopping norm must be the true residual's: the outer loop reasons with it.
+        # The stopping norm must be that of the true residual, which the outer loop relies on.
         if self._is_symmetric:
             ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         ksp.setFromOptions()
@@ -338,7 +338,7 @@ class LinearSolver:
             modes[3 + axis] = np.cross(np.eye(3)[axis], self._centred / extent)
         flat = np.array([self._to_local(mode) for mode in modes.reshape(6, -1)])
         flat[:, held] = 0.0
-        # By their Gram matrix, summed over the ranks; what the supports leave nothing of goes.
+        # Orthonormalise by the Gram matrix, summed over the ranks; drop modes that are zero.
         sizes, directions = np.linalg.eigh(fenicsx.total(flat @ flat.T))
         kept = sizes > 1e-10 * max(float(sizes[-1]), 1e-300)
         vectors = []
@@ -350,9 +350,9 @@ class LinearSolver:
         matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=fenicsx.COMM))
 
 
-# What a solve may take before the next one gets factors of its own.
+# Iterations of a solve above which the next matrix is factored anew.
 _FEW_ITERATIONS = 12
-# Newton's method goes on from what is left: no solve need be better than this.
+# Newton's method corrects the remaining error: no solve needs a smaller tolerance than this.
 _ROUGH = 1e-4
 _MOST_ITERATIONS = 60
 _PREFIX = "palpate_reference_lagged_"
@@ -377,7 +377,7 @@ class LaggedFactors:
             self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         self._ksp.setFromOptions()
         self._ksp.setTolerances(rtol=_ROUGH, atol=0.0, max_it=_MOST_ITERATIONS)
-        # New factors solve by themselves, also where the matrix is indefinite.
+        # New factors give the solution directly, also where the matrix is indefinite.
         self._exact = PETSc.KSP().create(fenicsx.COMM)
         self._exact.setType("preonly")
         self._exact.setPC(pc)
@@ -390,7 +390,7 @@ class LaggedFactors:
         return f"{method} with an earlier {factors} (MUMPS)"
 
     def forget(self) -> None:
-        """Take new factors for the next matrix, which is another one."""
+        """Drop the factors: the next matrix is a different one and is factored anew."""
         self._is_old = True
 
     def solve(

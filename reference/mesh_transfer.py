@@ -1,7 +1,7 @@
-"""A TetMesh given to dolfinx, with the maps that undo dolfinx's renumbering.
+"""A TetMesh passed to dolfinx, with the maps that undo dolfinx's renumbering.
 
-dolfinx accepts nearly any array, and hangs or aborts the process on some; so everything it could
-choke on is refused before it sees it.
+dolfinx accepts nearly any array, and hangs or aborts the process on some; such meshes are refused
+before they are passed on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def require_manifold_cells(mesh: TetMesh) -> None:
     """Refuse a mesh with a cell given twice, or a facet of more than two cells.
 
     Raises:
-        MeshError: Naming the first guilty cells.
+        MeshError: Such cells exist; the message names the first.
     """
     facets = np.sort(mesh.cells[:, CELL_FACETS].reshape(-1, 3), axis=1)
     _, inverse, counts = np.unique(facets, axis=0, return_inverse=True, return_counts=True)
@@ -46,7 +46,7 @@ def require_manifold_cells(mesh: TetMesh) -> None:
 
 @dataclass(frozen=True, eq=False)
 class TransferredMesh:
-    """A dolfinx mesh of a TetMesh and where each thing went.
+    """A dolfinx mesh of a TetMesh, with the maps of points and cells between the two.
 
     Attributes:
         source: The TetMesh.
@@ -76,7 +76,7 @@ class TransferredMesh:
 
     @cached_property
     def rank_of_cell(self) -> Indices:
-        """The rank that has each of the TetMesh's cells, shape (num_cells,)."""
+        """The rank that owns each of the TetMesh's cells, shape (num_cells,)."""
         ranks = np.zeros(self.source.num_cells, dtype=np.int32)
         ranks[self.cell_of_cell] = fenicsx.COMM.rank
         everywhere: Indices = fenicsx.total(ranks)
@@ -88,14 +88,14 @@ class TransferredMesh:
         inclusions: Sequence[Inclusion],
         value: Callable[[Material], float],
     ) -> Any:
-        """Return a number of the material in every cell, as a function that is constant in each.
+        """Return a constant of the material as a function that is constant in each cell.
 
-        Always a function, also for one material: then every body compiles to the same forms.
+        It is a function also for a single material, so that every body has the same compiled forms.
 
         Args:
-            material: Of the cells in no inclusion.
+            material: Material of the cells in no inclusion.
             inclusions: Cells of another material (see `Problem`).
-            value: What is wanted of a material.
+            value: Returns the constant of a material.
         """
         values = np.full(self.source.num_cells, value(material))
         for inclusion in inclusions:
@@ -106,14 +106,14 @@ class TransferredMesh:
         """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.
 
         Args:
-            facets: Of the boundary, each once, by points, shape (n, 3), in any order of points.
-            what: Whose facets, for the message.
+            facets: Boundary facets, each once, by points, shape (n, 3), in any order of points.
+            what: Name of the load or spring, for the message.
         """
         rows = checked_indices(facets, 3, self.source.num_points, f"facets of {what}")
         if len(rows) == 0:
             return np.zeros(0, dtype=np.int32)
         triples = list(map(tuple, np.sort(rows, axis=1).tolist()))
-        # A facet between two ranks looks like one of the boundary here, and is not asked for.
+        # A facet between two ranks looks like a boundary facet here, but is never requested.
         here = self._boundary_numbers
         return np.array(sorted(here[t] for t in triples if t in here), dtype=np.int32)
 
@@ -126,10 +126,10 @@ class TransferredMesh:
 
 
 def transfer(mesh: TetMesh) -> TransferredMesh:
-    """Give a mesh to dolfinx and check that it arrived whole.
+    """Pass a mesh to dolfinx and check that all points and cells have arrived.
 
     Raises:
-        MeshError: Overlapping cells.
+        MeshError: Cells overlap.
     """
     require_manifold_cells(mesh)
     received = fenicsx.create_mesh(mesh.points, mesh.cells)
@@ -167,7 +167,7 @@ class TransferredSpace:
         degree: Polynomial degree.
         space: The dolfinx space.
         dof_of_point: Blocked dof at each of the TetMesh's points, shape (num_points,); beyond
-            `num_blocks` where another rank owns it, -1 where this rank knows nothing of it.
+            `num_blocks` where another rank owns it, -1 where no cell of this rank has the point.
     """
 
     transferred: TransferredMesh
@@ -182,7 +182,7 @@ class TransferredSpace:
 
     @property
     def num_local_blocks(self) -> int:
-        """Likewise with those that its cells share with other ranks."""
+        """Number of nodes in the cells of this rank, including those that other ranks own."""
         return fenicsx.num_local_blocks(self.space)
 
     @property
@@ -197,7 +197,7 @@ class TransferredSpace:
         return places
 
     def owned_dofs(self, points: Indices) -> Indices:
-        """Blocked dofs at those of some points that this rank owns."""
+        """Blocked dofs of those among some points that this rank owns."""
         dofs = self.dof_of_point[points]
         owned: Indices = dofs[self._is_owned(dofs)]
         return owned
@@ -258,10 +258,10 @@ def map_points(transferred: TransferredMesh, degree: int, space: Any) -> Transfe
 def carry_field(
     source: TransferredSpace, field: Any, target: TransferredSpace, cells: Indices
 ) -> Floats:
-    """Values of a function of one mesh at the nodes of another of the same body.
+    """Values of a function on one mesh at the nodes of another mesh of the same body.
 
-    Each rank asks for the values at its own nodes where the cells that these lie in are: two meshes
-    are spread over the ranks in different ways.
+    The two meshes are distributed over the ranks in different ways: each rank requests the values
+    at its own nodes from the ranks that own the cells in which these nodes lie.
 
     Args:
         source: Space of the first mesh.
@@ -270,8 +270,8 @@ def carry_field(
         cells: Cell of the first TetMesh that each cell of the second lies in.
 
     Returns:
-        Flat, what this rank owns, in the order of `target`; exact where the first space is part of
-        the second.
+        Flat values of the nodes that this rank owns, in the order of `target`; exact where the
+        first space is contained in the second.
     """
     here = source.transferred
     number = np.full(here.source.num_cells, -1, dtype=np.int32)

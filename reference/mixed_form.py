@@ -1,22 +1,22 @@
-"""Nearly incompressible bodies: displacement and pressure apart.
+"""Nearly incompressible bodies: displacement and pressure as separate unknowns.
 
 The stiff part of Saint-Venant-Kirchhoff's stress, lmbda tr(E) I, becomes an unknown of its own, one
-degree lower than the displacement (C. Taylor, P. Hood 1973: P2-P1). Stationary in both,
+degree lower than the displacement (C. Taylor, P. Hood 1973: P2-P1). The functional
 
     Pi(u, p) = integral of mu E : E + p tr(E) - p^2 / (2 lmbda)  -  work of the loads,
 
-so that S = p I + 2 mu E, and for every q of the pressure space
-integral of (tr(E) - p / lmbda) q = 0: p = lmbda tr(E) in the weak sense. The displacement no longer
-has to make tr(E) small in every cell by itself, which is what locks. As lmbda grows, tr(E) = 0 is
-what this material tends to; det F = 1 only for small strains.
+is stationary in both, so that S = p I + 2 mu E, and for every q of the pressure space
+integral of (tr(E) - p / lmbda) q = 0: p = lmbda tr(E) in the weak sense. The displacement need not
+make tr(E) small in every cell, which is the cause of locking. As lmbda grows, this material
+approaches tr(E) = 0, which is det F = 1 only for small strains.
 F. Brezzi, M. Fortin, Mixed and Hybrid Finite Element Methods, 1991, chapter VI.
 
-Of the other laws, whose W is lmbda/2 g(J)^2 and a part without lmbda, g = J - 1 or ln J, the second
-part stands for mu E : E and g for tr(E): there J = 1 is what they tend to. The corotational law
-tends to tr U = 3, of its g = tr U - 3, as Saint-Venant-Kirchhoff's to tr E = 0.
+The other laws have W = lmbda/2 g(J)^2 plus a part without lmbda, with g = J - 1 or ln J: that part
+replaces mu E : E, and g replaces tr(E), so that they approach J = 1. The corotational law, with
+g = tr U - 3, approaches tr U = 3.
 
 The unknown of the solver is p h / mu [m], with h a typical cell size, so that the rows of pressure
-are forces like those of displacement, and one tolerance serves both.
+are forces like those of displacement, and one tolerance applies to both.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class MixedProblem(DiscreteProblem):
     Args:
         problem: Mesh, material, supports and loads.
         strain: Strain measure.
-        degree: Of the displacement, 2 or 3; the pressure's is one less.
-        element: LINEAR, which is any that is not smoothed.
+        degree: Polynomial degree of the displacement, 2 or 3; that of the pressure is one less.
+        element: LINEAR, which stands for all elements that are not smoothed.
 
     Raises:
-        InputError: Degree 1, smoothed tetrahedra, or Poisson's ratio not above 0.
+        InputError: Degree 1, smoothed tetrahedra, or a Poisson's ratio that is not above 0.
     """
 
     formulation = Formulation.MIXED

@@ -1,15 +1,15 @@
-"""What moves a body: its mass, loads, springs and supports over time, and viscous forces.
+"""A body in motion: its mass, loads, springs and supports over time, and viscous forces.
 
-Stiffness damping is the forces of a viscous stress on the rate of strain,
+Stiffness damping is a viscous stress proportional to the rate of strain,
 
     S_v = beta C : dE/dt,   R_v(u; v) = integral of F S_v : grad v,
 
 C Hooke's at rest whatever the body's law, E its strain measure with dE/dt = sym(F^T grad u'), and
-F = I under linear strain: Kelvin and Voigt's solid, as on E by J. C. Simo, T. J. R. Hughes,
+F = I under linear strain: Kelvin and Voigt's solid, written in E by J. C. Simo, T. J. R. Hughes,
 Computational Inelasticity, 1998, section 10.1. About rest it is Rayleigh's beta K u'. The power
-that it takes, the integral of dE/dt : beta C : dE/dt, is never below 0, and no turn is resisted:
-a tangent stiffness in the place of C would do neither in a stressed body, nor K of the rest state
-in one that has turned. Smoothed tetrahedra average dE/dt as they do E, and their stress as Hooke's.
+dissipated, the integral of dE/dt : beta C : dE/dt, is never below 0, and rotations are not damped:
+neither would hold for the tangent stiffness of a stressed body instead of C, nor for K of the rest
+state in a rotated body. Smoothed tetrahedra average dE/dt like E, and their stress like Hooke's.
 """
 
 from __future__ import annotations
@@ -42,27 +42,27 @@ _EPS = float(np.finfo(float).eps)
 
 
 class MovingBody:
-    """Mass, forces and supports of a problem in motion; each load by its own factor over time.
+    """Mass, forces and supports of a problem in motion; each load has its own factor over time.
 
     Args:
-        problem: With its time span.
+        problem: The problem with its time span.
         strain: Strain measure.
-        degree: Of the displacement.
-        element: Of the tetrahedra.
+        degree: Polynomial degree of the displacement.
+        element: Kind of the tetrahedra.
         loads_by: Factor over time [-] on all loads, or one for each (None is 1); None takes each
             load's own.
         supports_by: The same for the supports' displacements.
-        is_mass_lumped: Row sums instead of the consistent mass.
-        is_viscous_by_change: See `Viscosity`; of changes from step to step.
+        is_mass_lumped: Take row sums instead of the consistent mass.
+        is_viscous_by_change: Take viscous forces by changes of strain per step; see `Viscosity`.
 
     Attributes:
-        held: Degrees of freedom that supports hold.
-        free: The others of this rank.
-        damping: lambda [1/s].
-        row_sums: Of the mass [kg], flat; None where that is consistent.
+        held: Degrees of freedom that supports fix.
+        free: The other degrees of freedom of this rank.
+        damping: Mass damping lambda [1/s].
+        row_sums: Row sums of the mass [kg], flat; None for the consistent mass.
 
     Raises:
-        InputError: A load, support or element that cannot be used, or a wrong number of factors.
+        InputError: A load, support or element cannot be used, or the number of factors is wrong.
     """
 
     def __init__(
@@ -115,13 +115,13 @@ class MovingBody:
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the tangent is: no load's direction follows the body, and no viscous stress."""
+        """Whether the tangent is symmetric: no follower load, and no nonlinear viscous stress."""
         is_viscous = self.viscosity is not None and self.body.strain is Strain.GREEN
         return not (self._followers or is_viscous)
 
     @property
     def is_linear(self) -> bool:
-        """Whether the derivative of the forces by the displacement is always the same."""
+        """Whether the derivative of the forces by the displacement is constant."""
         is_linear = self.body.strain is Strain.LINEAR and not self._followers
         return is_linear and all(spring.is_steady for spring in self._springs)
 
@@ -130,7 +130,7 @@ class MovingBody:
 
         Args:
             displacement: At the mesh's points, linear between them; or a function of rest points.
-            velocity: Likewise.
+            velocity: Given like the displacement.
         """
         v = self._flat(velocity)
         if velocity is None and self.problem.initial_velocity is not None:
@@ -161,7 +161,7 @@ class MovingBody:
         return force
 
     def add_load_tangent(self, matrix: Any, weight: float, time: float) -> None:
-        """Add minus the derivative of the loads, times a weight, where the body is."""
+        """Add minus the derivative of the loads, times a weight, at the last displacement."""
         for factor, follower in self._followers:
             follower.add_tangent(matrix, weight * factor(time))
         for spring in self._springs:
@@ -171,7 +171,7 @@ class MovingBody:
         """Internal forces, and their viscous part if there is any [N], flat.
 
         Args:
-            displacement: [m].
+            displacement: Displacement [m], flat.
             other: The velocity, or the earlier displacement: see `Viscosity.force`.
         """
         force = self.body.internal_force(displacement)
@@ -192,12 +192,12 @@ class MovingBody:
 
     @cached_property
     def density(self) -> Any:
-        """Of each cell [kg/m3], as a function."""
+        """Density of each cell [kg/m3], as a function."""
         return density_by_cell(self.body, self.problem)
 
     @cached_property
     def mass_measure(self) -> Any:
-        """Of the volume, exact for the consistent mass."""
+        """Measure of the volume with a quadrature that is exact for the consistent mass."""
         space = self.body.space
         degree = 2 * space.degree
         return ufl.dx(domain=space.transferred.mesh, metadata={"quadrature_degree": degree})
@@ -226,17 +226,17 @@ class MovingBody:
         return self.load(displacement, time) - self.internal(displacement, other)[0]
 
     def at_supports(self, displacement: Floats, time: float) -> Floats:
-        """The displacement with its fixed components where they are at that time [m]."""
+        """The displacement with its fixed components set to their values at a time [m]."""
         moved = displacement.copy()
         moved[self.held] = self._supports.at([factor(time) for factor in self._support_factors])
         return moved
 
     def is_sound(self, displacement: Floats) -> bool:
-        """Whether no cell is inverted, or its strain does not know of it."""
+        """Whether no cell is inverted; always true under linear strain."""
         return self.body.strain is Strain.LINEAR or self.sampler.smallest(displacement) > 0.0
 
     def rounding_error(self, matrix_norm: float, displacement: Floats) -> float:
-        """Norm of the nodal forces that rounding alone can leave [N], by that of the tangent."""
+        """Largest norm of the nodal forces due to rounding [N], from the norm of the tangent."""
         source = self.body.space.transferred.source
         cell = (source.volume / source.num_cells) ** (1.0 / 3.0)
         largest = fenicsx.largest(float(np.max(np.abs(displacement), initial=0.0)))
@@ -245,14 +245,14 @@ class MovingBody:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Forces where a step has them in balance [N], flat.
+    """Nodal forces at the time at which a step balances them [N], flat.
 
     Attributes:
-        external: Of loads and springs.
-        internal: Of the body, the viscous ones too.
-        inertial: Mass damping included.
-        damped: lambda times the velocity there [m/s2].
-        viscous: What stiffness damping makes of the internal forces; None without it.
+        external: Forces of loads and springs.
+        internal: Internal forces of the body, the viscous ones included.
+        inertial: Inertial forces, mass damping included.
+        damped: lambda times the velocity at that time [m/s2].
+        viscous: The part of the internal forces by stiffness damping; None without it.
     """
 
     external: Floats
@@ -263,17 +263,17 @@ class Balance:
 
     @property
     def lacking(self) -> Floats:
-        """What is out of balance."""
+        """Out-of-balance forces: external less internal and inertial ones."""
         return self.external - self.internal - self.inertial
 
     def scale(self, among: Any = slice(None)) -> float:
-        """Norm of the largest of the three, of some entries."""
+        """Largest of the norms of the three, over some entries."""
         parts = (self.internal, self.external, self.inertial)
         return max(fenicsx.norm(part[among]) for part in parts)
 
 
 class StepLostError(Exception):
-    """A step's equations have no solution that was found; the message says why."""
+    """No solution of a step's equations was found; the message says why."""
 
 
 def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
@@ -285,7 +285,7 @@ def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
 
 
 def density_by_cell(body: ElasticBody, problem: Problem) -> Any:
-    """[kg/m3], as a function that is constant in each cell."""
+    """Density [kg/m3], as a function that is constant in each cell."""
     transferred = body.space.transferred
     return transferred.by_cell(problem.material, problem.inclusions, lambda m: m.density)
 
@@ -306,10 +306,10 @@ class Viscosity:
     """Viscous forces of a body, by rates or by finite changes of its strain.
 
     Args:
-        body: Whose displacement, moduli at rest, strain measure and element these are.
-        factor: beta [s]; by changes beta over the time step [-].
-        is_by_change: Take E(u) - E(w) for an earlier displacement w in the place of the rate of E
-            along a velocity w.
+        body: The body; its displacement, moduli at rest, strain measure and element are used.
+        factor: beta [s]; where `is_by_change`, beta over the time step [-].
+        is_by_change: Take E(u) - E(w) for an earlier displacement w instead of the rate of E along
+            a velocity w.
     """
 
     def __init__(self, body: ElasticBody, factor: float, *, is_by_change: bool = False) -> None:
@@ -317,7 +317,7 @@ class Viscosity:
         self._mesh = space.transferred.mesh
         is_green = body.strain is Strain.GREEN
         self._w = w = fem.Function(space.space)
-        # A factor, so that the tangent of smoothed cells has a form also where F is I.
+        # A factor of 0 or 1, so that the tangent of smoothed cells has a form also where F is I.
         turns = self._constant(is_green)
         F = ufl.Identity(3) + turns * ufl.grad(body.u)
         if is_by_change:
@@ -376,7 +376,7 @@ class Viscosity:
         Args:
             matrix: The body's tangent, a PETSc matrix.
             by_displacement: Weight of the derivative by the displacement.
-            by_rate: Of that by the velocity.
+            by_rate: Weight of the derivative by the velocity or the earlier displacement.
         """
         if not self._tangents:
             self._compile()

@@ -2,8 +2,8 @@
 
 Full steps, because the residual must be free to grow at first: on bending steps stretching is
 so much stiffer than bending that a search for a smaller residual stalls where full steps converge
-in five. Two things are guarded instead: no cell may invert on the way, and the iteration is
-given up when it wanders off.
+in five. Two safeguards are used instead: no step may invert a cell, and the iteration ends when
+the residual has not decreased for several iterations.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from palpate.reference.result import ToolHistory
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
-# Iterations without a new smallest residual before giving up; the first two do not count.
+# The iteration fails after so many steps without a new smallest residual, the first two excepted.
 _PATIENCE = 6
-# Of the force along a step with tools, what may be left at its end.
+# With tools, a step ends where the force along it is below this fraction of that at its start.
 _NEARLY = 0.2
 _MOST_TRIALS = 12
 # A Newton step may take det F down to this fraction of what it was, not further.
 _SHRINK_PER_STEP = 0.1
-# Relative residual from which on the multigrid of one tangent serves the next ones.
+# Below this relative residual the multigrid of one tangent is used for the next ones too.
 _NEAR = 0.1
 
 Report = Callable[[int, float, float], None]
@@ -44,11 +44,11 @@ class Outcome:
 
     Attributes:
         displacement: The last iterate, or a path's last equilibrium, flat [m].
-        relative_residual: Its last relative residual [-].
-        iterations: Linear solves in all, lost ones included.
-        reason: Why it ended without the equilibrium that was sought; empty when with it.
-        load_factors: Of a path, those with an equilibrium, growing.
-        tools: What each tool felt on the path.
+        relative_residual: Its relative residual [-].
+        iterations: Number of linear solves, those of rejected steps included.
+        reason: Why no equilibrium was found; empty if it was.
+        load_factors: Load factors of a path at which equilibrium was found, ascending.
+        tools: Forces and moments on each tool along the path.
     """
 
     displacement: Floats
@@ -60,7 +60,7 @@ class Outcome:
 
     @property
     def converged(self) -> bool:
-        """Whether it ended with the equilibrium."""
+        """Whether the equilibrium was found."""
         return not self.reason
 
 
@@ -70,9 +70,9 @@ class Newton:
     Args:
         discrete: The discrete problem.
         sampler: Measures det F.
-        relative_tolerance: Where to stop: norm of the free residual over the larger norm of
-            external and internal forces.
-        max_iterations: Where to give up.
+        relative_tolerance: Tolerance of the norm of the free residual over the larger norm of
+            external and internal forces [-].
+        max_iterations: Largest number of iterations.
         largest_direct: See `LinearSolver`.
     """
 
@@ -95,12 +95,12 @@ class Newton:
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self._has_contact = bool(discrete.contacts)
         self.is_linear = discrete.strain is Strain.LINEAR
-        # Whether every tangent is the first.
+        # Whether the tangent is constant.
         self._is_constant = self.is_linear and not (
             discrete.contacts or discrete.has_follower_forces
         )
         self._is_prepared = False
-        # The matrix of `solve_again` with its held rows, and its state then.
+        # The matrix of `solve_again` with its fixed rows, and its PETSc object state at that time.
         self._again: tuple[Any, int] | None = None
 
     @property
@@ -120,16 +120,16 @@ class Newton:
         )
 
     def destroy(self) -> None:
-        """Give what the linear solver holds back at once."""
+        """Free the memory of the linear solver at once."""
         self._linear.destroy()
 
     def solve_again(self, displacement: Floats, rhs: Floats, *, tolerance: float) -> Floats:
-        """Solve K x = rhs, x = 0 where held, with what the last solve prepared for its K.
+        """Solve K x = rhs, x = 0 at fixed entries, with the factors or multigrid of the last solve.
 
         Args:
-            displacement: Where K is taken: the equilibrium that was found last.
-            rhs: Flat.
-            tolerance: Relative residual, where the solver iterates.
+            displacement: Displacement of K: the equilibrium that was found last.
+            rhs: Right-hand side, flat.
+            tolerance: Relative residual of an iterative solver.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -146,7 +146,7 @@ class Newton:
         return found
 
     def linearise(self, displacement: Floats) -> Floats | None:
-        """First Newton step from a displacement to the full load, roughly; None if singular."""
+        """Approximate first Newton step to the full load; None if the tangent is singular."""
         eq = self._discrete
         external = eq.external_force(displacement) + eq.contact_force(displacement)
         residual = eq.internal_force(displacement) - external
@@ -162,11 +162,11 @@ class Newton:
     def is_stable(self, displacement: Floats, load_factor: float) -> bool:
         """Whether the tangent stiffness is positive definite at an equilibrium.
 
-        An equilibrium that is not stable is never reached by a body. True without a test under
-        linear strain. Under follower loads K is not symmetric, and its symmetric part is asked:
-        where that is positive definite, the real parts of all eigenvalues of K are above 0 (T. J.
-        I'A. Bromwich, Acta Math. 30 (1906) 295-304), so that no other equilibrium is beside this
-        one. It is all of K where the pressure has a potential, as inside a closed surface.
+        A body never reaches an unstable equilibrium. Under linear strain the result is True without
+        a test. Under follower loads K is not symmetric, and its symmetric part is tested: where it
+        is positive definite, the real parts of all eigenvalues of K are above 0 (T. J. I'A.
+        Bromwich, Acta Math. 30 (1906) 295-304), and the equilibrium is isolated. K is symmetric
+        where the pressure has a potential, as inside a closed surface.
         """
         eq = self._discrete
         if self.is_linear or fenicsx.total(eq.free.size) == 0:
@@ -183,7 +183,7 @@ class Newton:
             part.destroy()
 
     def keep(self, displacement: Floats, load_factor: float) -> None:
-        """Tell the tools where an equilibrium has the body."""
+        """Pass an accepted equilibrium to the tools."""
         del load_factor
         for contact in self._discrete.contacts:
             contact.keep(displacement)
@@ -199,10 +199,10 @@ class Newton:
         """Iterate from a displacement to the equilibrium at a load factor.
 
         Args:
-            start: First iterate, flat [m]; need not meet the supports.
+            start: First iterate, flat [m]; need not satisfy the supports.
             load_factor: Fraction of the loads and of the prescribed displacements.
             report: Called with iteration, relative residual and smallest det F.
-            least_tolerance: In the place of a smaller relative tolerance.
+            least_tolerance: Smallest tolerance; replaces a smaller relative tolerance.
         """
         eq, enough = self._discrete, max(self.relative_tolerance, least_tolerance)
         held, free = eq.held.dofs, eq.free
@@ -211,7 +211,7 @@ class Newton:
         det_f = self._sampler.smallest(u)
         rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf
         best, since_best = math.inf, 0
-        is_near = False  # the tangent to the last one
+        is_near = False  # whether the tangent is nearly the last one
         for iteration in range(self._max_iterations + 1):
             internal = eq.internal_force(u)
             external = load_factor * eq.external_force(u) + eq.contact_force(u)
@@ -228,7 +228,7 @@ class Newton:
             last_norm = norm
             if is_at_supports and (norm <= enough * scale or is_stalled):
                 return Outcome(u, relative, iteration)
-            # Under prescribed displacements alone the first residual is zero: judge by the second.
+            # Under prescribed displacements alone the first residual is zero: test the second.
             if iteration > 1 and not norm <= _LARGEST_GROWTH * first:
                 return Outcome(u, relative, iteration, "the iteration diverges")
             best, since_best = (norm, 0) if norm < best else (best, since_best + 1)
@@ -238,7 +238,7 @@ class Newton:
                 break
             matrix = eq.tangent(u, load_factor)
             rounding = self._rounding_error(matrix, u)
-            # Loose while far away, tight enough at the end for one more step to finish.
+            # A loose tolerance far from the solution; at the end tight enough for one last step.
             tolerance = max(min(1e-3, relative), 0.1 * enough / max(relative, 1e-300))
             try:
                 du = self._linear.solve(
@@ -278,12 +278,12 @@ class Newton:
     def _part_in_balance(
         self, u: Floats, du: Floats, residual: Floats, load_factor: float
     ) -> float:
-        """How far along a step the forces along it are nearly in balance, at most 1.
+        """Fraction of a step, at most 1, at which the forces along it are nearly in balance.
 
-        Nodes that touch or stick in one iterate and not in the next go to and fro for ever by full
-        steps. Contact and friction have a potential, so that what is sought is its least along the
-        step. Where pressures are unknown too they go along with the displacement: it is the
-        potential of that alone which has a least.
+        With full steps, nodes may alternate without end between contact and none, or stick and
+        slip. Contact and friction have a potential, whose minimum along the step is sought. In the
+        mixed form the pressures change in proportion to the displacement, since only the potential
+        of the displacement has a minimum.
         """
         eq = self._discrete
         free, low, high, part = eq.free_displacements, 0.0, 1.0, 1.0
@@ -305,7 +305,7 @@ class Newton:
         return part
 
     def _rounding_error(self, matrix: object, u: Floats) -> float:
-        """Norm of the nodal forces that rounding alone can leave.
+        """Largest norm of the nodal forces that is due to rounding [N].
 
         The strain is computed from I + grad u, so its rounding error is eps even where u is small
         beside the cell size.

@@ -7,13 +7,13 @@ For f of the principal values e_i of Green's strain E, with its directions n_i a
     d2f/dE2  = sum of f_ik (n_i n_i) (x) (n_k n_k)
              + sum over i < k of 2 (f_i - f_k) / (e_i - e_k) sym(n_i n_k) (x) sym(n_i n_k),
 
-where the quotient of equal values is its limit, f_ii - f_ik. NumPy alone: what UFL makes of sums of
-powers of stretches compiles for minutes, and closed forms of eigenvalues have no derivative at
-rest.
+where the quotient of equal values is its limit, f_ii - f_ik. They are computed in NumPy: sums of
+powers of stretches in UFL compile for minutes, and closed forms of eigenvalues have no derivative
+at rest.
 
-As coefficients of forms f(E), df/dE and d2f/dE2 are computed in NumPy where a form is integrated,
-and are data of it: what is compiled does not know the law. Coefficients are constants to UFL; their
-part of a derivative is asked for by `changes`:
+f(E), df/dE and d2f/dE2 are coefficients of forms, computed whenever a form is integrated, so that
+the compiled form does not depend on the law. UFL treats coefficients as constants; their part of a
+derivative is given by `changes`:
 
     dR = derivative of R by u, df/dE fixed  +  derivative of R by df/dE along d2f/dE2 : dE(u; du)
 """
@@ -33,8 +33,8 @@ from palpate.reference import fenicsx
 from palpate.reference.fenicsx import fem, ufl
 from palpate.reference.laws import deformation_gradient, strain_tensor
 
-# Principal values nearer than this, over 1 + |e|, have the limit of the quotient: what that leaves
-# out goes with the square of it, what rounding adds with eps over it.
+# Where two principal values differ by less than this, relative to 1 + |e|, the limit of the
+# quotient is taken: its error goes with the square of this, the rounding error with eps over this.
 _SAME = 1e-5
 _ROOT = np.sqrt(0.5)
 # Rows and columns of a symmetric tensor in Mandel's order, and their weights in a product.
@@ -45,12 +45,12 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 @dataclass(frozen=True, eq=False)
 class OfStrains:
-    """A function of n triples of principal strains.
+    """A function of n triples of principal strains with its derivatives.
 
     Attributes:
-        value: (n,).
-        slope: By each strain, (n, 3).
-        bend: By two of them, symmetric, (n, 3, 3).
+        value: Values, (n,).
+        slope: First derivatives by the strains, (n, 3).
+        bend: Second derivatives, symmetric, (n, 3, 3).
     """
 
     value: Floats
@@ -62,7 +62,7 @@ PrincipalFunction = Callable[[Floats], OfStrains]
 
 
 def _by_strains(value: Floats, slope: Floats, bend: Floats, squared: Floats) -> OfStrains:
-    """From derivatives by the logarithms s of the stretches l: e = (l^2 - 1) / 2, de/ds = l^2."""
+    """Convert derivatives by the log. stretches s = ln l: e = (l^2 - 1) / 2, de/ds = l^2."""
     own = slope / squared
     by_two = bend / (squared[:, :, None] * squared[:, None, :])
     diagonal = np.arange(3)
@@ -86,13 +86,13 @@ def stretch_sum(e: Floats) -> OfStrains:
 def energy_of_stretches(
     law: Law, lmbda: Floats, mu: Floats, terms: Sequence[tuple[float, float]]
 ) -> PrincipalFunction:
-    """W of principal strains by a law that is written in stretches [J/m3].
+    """Energy density W of principal strains by a law that is written in stretches [J/m3].
 
     Args:
         law: Ogden's or the corotational one.
-        lmbda: Lamé's first parameter at rest [Pa], (n,); 0 leaves out what the law is by it.
+        lmbda: Lamé's first parameter at rest [Pa], (n,); 0 leaves out the volumetric energy.
         mu: Shear modulus at rest [Pa], (n,).
-        terms: Of Ogden's law (see `Material`).
+        terms: Terms of Ogden's law (see `Material`).
     """
     if law is Law.COROTATIONAL:
         return lambda e: _corotational(e, lmbda, mu)
@@ -127,7 +127,7 @@ def _ogden(e: Floats, kappa: Floats, mu: Floats, terms: Sequence[tuple[float, fl
         z = alpha * isochoric
         less = np.expm1(z)
         mean = less.mean(axis=1, keepdims=True)
-        # The sum of z is 0: taken off, so that no digits are lost near rest.
+        # The sum of z is 0, and is subtracted so that no digits are lost near rest.
         value = value + own / alpha * (less - z).sum(axis=1)
         slope += own[:, None] * (less - mean)
         power = 1.0 + less
@@ -146,8 +146,8 @@ def of_tensors(E: Floats, function: PrincipalFunction) -> tuple[Floats, Floats, 
     """A function of symmetric tensors with its derivatives, in Mandel's order.
 
     Args:
-        E: Of Green strain, (n, 3, 3).
-        function: Of its principal values.
+        E: Green strains, (n, 3, 3).
+        function: The function of their principal values.
 
     Returns:
         Value (n,), df/dE (n, 6), d2f/dE2 (n, 6, 6); NaN where E is not finite or the function has
@@ -187,11 +187,11 @@ class StrainCoefficients:
     """A function of Green's strain of a displacement, with its first two derivatives.
 
     Args:
-        mesh: Of dolfinx.
+        mesh: The dolfinx mesh.
         u: Displacement in UFL.
-        function: Makes of a number n the function of the principal strains at n points of each
-            cell, cell by cell, (n * num_cells, 3).
-        degree: Of the quadrature.
+        function: Returns, for a number n, the function of the principal strains at n points of
+            each cell, cell by cell, (n * num_cells, 3).
+        degree: Degree of the quadrature.
 
     Attributes:
         value: f in UFL.
@@ -213,7 +213,7 @@ class StrainCoefficients:
         self._last: Floats | None = None
 
     def update(self) -> None:
-        """Make the coefficients those of u."""
+        """Compute the coefficients at u."""
         E = self._sample().reshape(-1, 3, 3)
         if self._last is not None and np.array_equal(E, self._last):
             return
@@ -225,11 +225,11 @@ class StrainCoefficients:
         self._last = E
 
     def changes(self, of: Any, direction: Any) -> list[Any]:
-        """Derivatives of a form by f and df/dE alone, as far as it has them.
+        """Derivatives of a form by f and df/dE alone, of those that it contains.
 
         Args:
             of: The form.
-            direction: Along which u changes.
+            direction: Direction in which u changes.
         """
         found = []
         if self._value in of.coefficients():
@@ -261,15 +261,15 @@ def _tensor(rows: Any) -> Any:
 def energy_by_cell(
     material: Material, lmbda: Any | None, mu: Any
 ) -> Callable[[int], PrincipalFunction]:
-    """W of principal strains at some points of each cell, by a law that is written in stretches.
+    """Energy density W of principal strains in each cell, by a law that is written in stretches.
 
     Args:
-        material: Of which the law is read, and its terms.
-        lmbda: Lamé's parameters [Pa], functions that are constant in each cell; None for 0.
-        mu: The second.
+        material: The material whose law and Ogden terms are used.
+        lmbda: First Lamé parameter [Pa], a function that is constant in each cell; None for 0.
+        mu: Shear modulus [Pa], a function that is constant in each cell.
 
     Returns:
-        What makes the function of the number of points in each cell.
+        For a number of points in each cell, the function of their principal strains.
     """
 
     def function(num_points: int) -> PrincipalFunction:

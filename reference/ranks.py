@@ -1,12 +1,12 @@
-"""One solve on all ranks of mpirun: rank 0 leads, the others wait for what it sends.
+"""One solve on all ranks of mpirun: rank 0 leads, the others wait for the tasks that it sends.
 
     mpirun -n 4 palpate solve CASE --with reference -o RESULT.vtu
 
-Only rank 0 reads, judges, prints and writes; the other processes do nothing but their part of
-each solve, and leave Ctrl-C to it. An error that every rank meets is raised on rank 0 as usual; so
-is one of another rank that the others did not wait for. One that a single rank meets while the
-others wait for it inside a solve ends them all, with a line that says which rank and why; so does
-the end of rank 0, and a time limit. A rank that is killed is mpirun's to notice: it ends the rest.
+Only rank 0 reads, judges, prints and writes; the other processes only do their part of each solve,
+and leave Ctrl-C to rank 0. An error that occurs on every rank is raised on rank 0 as usual, and so
+is one of another rank that the others did not wait for. An error on a single rank while the others
+wait for it inside a solve ends all ranks, with a line that states the rank and the error; so do
+the end of rank 0 and a time limit. If a rank is killed, mpirun notices it and ends the rest.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from palpate.reference.errors import (
     ReferenceUnavailableError,
 )
 
-# Variables in which Open MPI and MPICH tell a process its place.
+# Environment variables in which Open MPI and MPICH pass a process its rank and their number.
 _PLACES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
 _TAG = 1
 _POLL = 0.005  # [s]
-# Time limits are told by rank 0; where it cannot, since it is deep in a library that waits for
-# another rank, the system ends it so much later [s].
+# Rank 0 reports a time limit; where it cannot, because it waits inside a library for another rank,
+# the system ends it so much later [s].
 _GRACE = 20.0
-# mpirun drops what it has not yet passed on of the last lines when it ends them all [s].
+# Wait before all ranks are ended, so that mpirun can pass on their last lines [s].
 _TO_BE_HEARD = 0.5
 
 Say: TypeAlias = Callable[[str], None]
-# What is done on every rank, with a place to tell progress.
+# The function that runs on every rank, with a problem and a function to report progress.
 Task: TypeAlias = Callable[[Problem, Say], Any]
 
-# Whether the others are at a task that rank 0 has not come to the end of.
+# Whether the other ranks work on a task that rank 0 has not completed.
 _is_under_way = False
 
 
@@ -59,28 +59,28 @@ def _place() -> tuple[int, int]:
 
 
 def num_ranks() -> int:
-    """Processes that mpirun started this one among; 1 without mpirun."""
+    """Number of processes that mpirun started; 1 without mpirun."""
     return _place()[0]
 
 
 def is_follower() -> bool:
-    """Whether this process only does its part of what rank 0 solves."""
+    """Whether this process only does its part of the solves of rank 0."""
     return _place()[1] > 0
 
 
 def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Say) -> Any:
-    """Do a task on all ranks; called on rank 0, answered with its own result.
+    """Do a task on all ranks; called on rank 0, returns the result of rank 0.
 
     Args:
-        task: Picklable; does the same collective calls on every rank.
-        problem: Sent to all.
+        task: Picklable task that makes the same collective calls on every rank.
+        problem: The problem, which is sent to all ranks.
         time_limit: All ranks are ended after this [s].
-        progress: Called on rank 0.
+        progress: Called on rank 0 with one line of text now and then.
 
     Raises:
-        ReferenceUnavailableError: mpirun is not that of the MPI FEniCSx was built with.
-        ReferenceCrashedError: Another rank alone had an error, after its part of the last call that
-            all do together.
+        ReferenceUnavailableError: mpirun does not belong to the MPI FEniCSx was built with.
+        ReferenceCrashedError: Another rank alone had an error, after the last collective call of
+            the task.
     """
     global _is_under_way
     comm = _communicator()
@@ -113,7 +113,7 @@ def follow() -> int:
     try:
         comm = _communicator()
     except (ReferenceFailedError, ImportError) as error:
-        # Rank 0 meets the same and tells it. Where it does not, it would wait for this one.
+        # Rank 0 has the same error and reports it. Otherwise it would wait for this rank.
         time.sleep(_GRACE)
         print(f"palpate: rank {_place()[1]}: {error}", file=sys.stderr, flush=True)
         return 2
@@ -134,7 +134,7 @@ def dismiss(code: int) -> None:
     """Let the followers go; called on rank 0 at its end, whatever happened.
 
     Args:
-        code: Exit status of rank 0; that of all, where the others still wait for it in a task.
+        code: Exit status of rank 0, and of all ranks if the others still wait for it in a task.
     """
     if num_ranks() == 1:
         return
@@ -150,14 +150,14 @@ def dismiss(code: int) -> None:
 
 @functools.cache
 def _communicator() -> Any:
-    """All ranks, on a channel of its own: dolfinx too has barriers under way on COMM_WORLD."""
+    """A separate communicator of all ranks: dolfinx has pending barriers on COMM_WORLD."""
     require_available()
     names = (name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
     taken = {number: signal.getsignal(number) for number in (getattr(signal, n) for n in names)}
     from palpate.reference.fenicsx import COMM
 
-    # PETSc answers these itself from when it is loaded, by an end of all ranks with a code of its
-    # own.
+    # Once loaded, PETSc handles these signals itself, and ends all ranks with an exit status of
+    # its own.
     for number, handler in taken.items():
         if handler is not None:
             signal.signal(number, handler)
@@ -178,7 +178,7 @@ def _do_part(task: Task, sent: bytes, say: Say) -> Any:
 
 
 def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any, Exception | None]:
-    """Do this rank's part; return its answer, or its error, or on rank 0 that of another rank."""
+    """Do this rank's part; return its result, or its error, or on rank 0 that of another rank."""
     from palpate.reference.fenicsx import MPI, comes
 
     answer, error = None, None
@@ -191,7 +191,7 @@ def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any
     if error is None:
         everyone.Wait()
     elif not comes(everyone):
-        # The others wait inside the task for what this rank will never send.
+        # The others wait inside the task for a message that this rank will never send.
         _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
     if worst[0] == 0:
         return answer, None
@@ -202,7 +202,7 @@ def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any
 
 
 def _set_alarm(seconds: float) -> None:
-    """Have the system end this process, by a signal that nobody takes; 0 to have it not."""
+    """Have the system end this process after a time by an unhandled signal; 0 cancels this."""
     if hasattr(signal, "setitimer"):  # not on Windows
         signal.setitimer(signal.ITIMER_REAL, seconds)
 

@@ -1,7 +1,4 @@
-"""What a reference solve returns, and the file it travels in; importable without FEniCSx.
-
-A trajectory by one of the schemes; importable without FEniCSx.
-"""
+"""Results of the reference, static and dynamic, and their file; importable without FEniCSx."""
 
 from __future__ import annotations
 
@@ -36,20 +33,20 @@ class Formulation(StrEnum):
     MIXED = "mixed"
 
 
-# From this Poisson's ratio on the displacement alone is no truth: on Cook's membrane quadratic
-# tetrahedra are 15 % off at 0.499.
+# From this Poisson's ratio on the displacement form is too inaccurate: on Cook's membrane quadratic
+# tetrahedra have an error of 15 % at 0.499.
 NEARLY_INCOMPRESSIBLE = 0.49
 
 
 def formulation_for(problem: Problem, degree: int) -> Formulation:
-    """The formulation that a problem is solved with where nobody says another.
+    """The formulation that a problem is solved with by default.
 
     MIXED from Poisson's ratios of 0.49 on, wherever that form can be used: degree 2 or 3, and all
     ratios above 0.
 
     Args:
         problem: The problem.
-        degree: Of the displacement.
+        degree: Polynomial degree of the displacement.
     """
     materials = (problem.material, *(one.material for one in problem.inclusions))
     ratios = [material.poissons_ratio for material in materials]
@@ -63,12 +60,12 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class ToolHistory:
-    """What one tool felt at the knots of the paths, in their order.
+    """Forces, moments and contact of one tool at the knots of the paths, in their order.
 
     Attributes:
         times: Knots [s].
-        forces: On the tool [N].
-        moments: On the tool about its origin [N m].
+        forces: Forces on the tool [N].
+        moments: Moments on the tool about its origin [N m].
         active_areas: Rest area of the contact points that press on it [m2].
         penetrations: Largest depth of a contact point inside the tool [m], >= 0.
     """
@@ -85,8 +82,8 @@ class ReferenceResult:
     """A converged static state.
 
     Attributes:
-        displacement: At the mesh's points, in their order [m], shape (num_points, 3); of a
-            quadratic solve, its values there.
+        displacement: At the mesh's points, in their order [m], shape (num_points, 3); for higher
+            degrees its values at these points.
         strain: Strain measure of the model.
         degree: Polynomial degree of the displacement.
         load_factor: Fraction of the load reached: 1.
@@ -100,19 +97,19 @@ class ReferenceResult:
         rest_volume: [m3].
         rest_surface_area: [m2].
         strain_energy: [J].
-        newton_iterations: Linear solves in all.
+        newton_iterations: Total number of linear solves.
         load_steps: Load factors at which equilibrium was found, the last one 1.
-        versions: Of Python and the parts of FEniCSx.
-        tools: What each tool felt, in the problem's order.
+        versions: Versions of Python and the parts of FEniCSx.
+        tools: History of each tool, in the problem's order.
         formulation: Unknowns of the equations.
-        element: What the tetrahedra are.
+        element: Kind of the tetrahedra.
         second_piola_kirchhoff_stress: S, mean over each rest cell [Pa], shape (num_cells, 3, 3), in
-            the mesh's order; the formulas stand in `cell_stress`.
-        cauchy_stress: sigma = F S F^T / det F, likewise; S under linear strain.
-        first_piola_kirchhoff_stress: P = F S, likewise, not symmetric; S under linear strain.
+            the mesh's order; the formulas are in `deformed_state`.
+        cauchy_stress: sigma = F S F^T / det F, as S; equal to S under linear strain.
+        first_piola_kirchhoff_stress: P = F S, as S, not symmetric; equal to S under linear strain.
         support_forces: Of each support on the body [N], shape (num_supports, 3): traction
-            resultants, from nodal forces, so that they balance the loads and tools. What several
-            supports hold counts for the first.
+            resultants, from nodal forces, so that they balance the loads and tools. A component
+            that several supports fix counts for the first.
     """
 
     displacement: Points
@@ -147,7 +144,7 @@ class ReferenceResult:
         return stress
 
 
-# How `AdaptiveResult.ended` begins where a finer mesh has no equilibrium: nothing has a limit.
+# Beginning of `AdaptiveResult.ended` where a finer mesh has no equilibrium: nothing has a limit.
 LOST = "no equilibrium on the next mesh"
 
 
@@ -158,16 +155,17 @@ class AdaptiveResult(ReferenceResult):
     Stresses are means over the first mesh's cells.
 
     Attributes:
-        quantities: What has an error bar, in the order of the columns below.
-        tolerances: The bar that was asked for, of each [-].
-        num_cells: Of each mesh, shape (num_meshes,).
-        num_unknowns: Likewise.
-        seconds: Likewise [s].
+        quantities: The quantities with error bars, in the order of the columns below.
+        tolerances: The requested bar of each [-].
+        num_cells: Number of cells of each mesh, shape (num_meshes,).
+        num_unknowns: Number of unknowns on each mesh, shape (num_meshes,).
+        seconds: Time spent on each mesh [s], shape (num_meshes,).
         estimates: Dual-weighted estimates of the error on each mesh, to a factor [-], shape
             (num_meshes, num_quantities).
-        differences: From the mesh before, relative [-], likewise; infinite in the first row.
-        bars: Error bars as far as each mesh tells, relative [-], likewise.
-        ended: Why there is no finer mesh.
+        differences: Relative differences from the mesh before [-], as estimates; infinite in the
+            first row.
+        bars: Relative error bars from the meshes up to each [-], as estimates.
+        ended: Reason why there is no finer mesh.
         first: The state on the first mesh, where that is the case's.
     """
 
@@ -191,31 +189,32 @@ class AdaptiveResult(ReferenceResult):
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """What can be said of a displacement without solving.
+    """Errors of a displacement that are measured without solving the problem.
 
     Attributes:
-        degree: Of the test functions.
+        degree: Polynomial degree of the test functions.
         strain: Strain measure of the model.
         residual_norm: Of the free residual, dual to the energy norm: sup over v of R(v) / |v|,
             |v|^2 = v . K v with the rest stiffness K [J^(1/2)]. For linear strain it is the
             energy norm of the error itself; for Green strain to first order.
         relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
-        support_gap: Largest distance of a fixed component from where it is held [m].
-        largest_displacement: Of a point of the mesh [m].
+        support_gap: Largest distance of a fixed component from its prescribed value [m].
+        largest_displacement: Largest displacement of a point of the mesh [m].
         force_imbalance: Size of the sum of external forces and reactions [N].
-        moment_imbalance: Likewise of their moments about the origin, at deformed positions [N m].
+        moment_imbalance: Size of the sum of their moments about the origin, at deformed positions
+            under Green strain [N m].
         strain_energy: [J].
         volume: [m3].
-        smallest_det_f: [-]; not above 0 where a cell is inverted.
-        is_stable: Whether the tangent is positive definite there; None where that is not asked:
-            linear strain always is, follower loads have no symmetric tangent, and what is
-            inverted is no state of a body.
+        smallest_det_f: Smallest det F [-]; not above 0 where a cell is inverted.
+        is_stable: Whether the tangent is positive definite there; None where this is not tested:
+            under linear strain it always is, follower loads have no symmetric tangent, and a body
+            cannot have inverted cells.
         displacement_error: Estimate, L2 over the mesh's points over the corrected displacement
             [-]; None where the tangent is singular or not positive definite, or a cell inverted.
         volume_error: Estimate, of the change of volume over the corrected change, signed [-];
-            None likewise.
-        cell_errors: Each cell's part of `residual_norm` [J^(1/2)], shape (num_cells,): where to
-            refine. Their squares add up to its square (to quadrature for degree 3).
+            None where `displacement_error` is.
+        cell_errors: Each cell's part of `residual_norm` [J^(1/2)], shape (num_cells,): an indicator
+            for refinement. Their squares add up to its square (to quadrature for degree 3).
     """
 
     degree: int
@@ -236,7 +235,7 @@ class Audit:
 
     @property
     def relative_support_gap(self) -> float:
-        """Gap of the supports over the largest displacement of a point [-]."""
+        """Gap at the supports over the largest displacement of a point [-]."""
         if self.support_gap == 0.0:
             return 0.0
         size = self.largest_displacement
@@ -253,9 +252,9 @@ class ImplicitResult:
             shape (num_outputs + 1, num_points, 3).
         velocities: [m/s], the same shape.
         kinetic_energies: [J], shape (num_outputs + 1,).
-        strain_energies: [J], likewise.
-        external_works: Done by loads, moving supports and tools since the start [J], likewise.
-        damping_works: Taken by mass damping since the start [J], likewise.
+        strain_energies: [J], the same shape.
+        external_works: Work of loads, moving supports and tools since the start [J], same shape.
+        damping_works: Energy dissipated by damping since the start [J], the same shape.
         smallest_det_f: Over the outputs [-]; see ReferenceResult.
         strain: Strain measure of the model.
         degree: Polynomial degree of the displacement.
@@ -285,7 +284,7 @@ class ImplicitResult:
     def energy_errors(self) -> Values:
         """Kinetic plus strain energy since the start, less work done, plus damping [J].
 
-        What the method's own damping of high frequencies took shows here as a loss.
+        Energy lost to the numerical damping of high frequencies is a negative value here.
         """
         stored = self.kinetic_energies + self.strain_energies
         errors: Values = stored - stored[0] - self.external_works + self.damping_works
@@ -299,18 +298,18 @@ class SteppedResult:
     Attributes:
         times: [s], shape (num_outputs + 1,), from 0.
         displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
-        velocities: [m/s], likewise, as the scheme has them; by central differences that since the
-            step before.
+        velocities: [m/s], the same shape, as defined by the scheme; for central differences the
+            mean over the last step.
         kinetic_energies: [J], shape (num_outputs + 1,).
-        strain_energies: [J], likewise.
+        strain_energies: [J], the same shape.
         integrator: The scheme.
         time_step: [s].
         num_steps: Number of time steps.
         newton_iterations: Linear solves in all.
-        largest_residual: Of any step, relative as in `simulate_by` [-]; 0 of explicit schemes.
+        largest_residual: Of any step, relative as in `simulate_by` [-]; 0 for explicit schemes.
         strain: Strain measure.
-        element: What the tetrahedra are.
-        versions: Of Python and the parts of FEniCSx.
+        element: Kind of the tetrahedra.
+        versions: Versions of Python and the parts of FEniCSx.
         tool_forces: On each tool, mean since the output before [N], shape
             (num_tools, num_outputs + 1, 3); the first is zero.
     """
@@ -332,7 +331,7 @@ class SteppedResult:
 
 
 def save_result(path: str | Path, result: Any) -> None:
-    """Write a result, a dataclass of arrays and plain values, to `path` (.npz), whole or not."""
+    """Write a result, a dataclass of arrays and plain values, to `path` (.npz) atomically."""
     arrays, plain = _parted(result)
     header = np.array(
         json.dumps({"kind": type(result).__name__, **plain}, default=dataclasses.asdict)
@@ -341,7 +340,7 @@ def save_result(path: str | Path, result: Any) -> None:
         np.savez(stream, header=header, **arrays)
 
 
-# What JSON knows as text.
+# Enumerations, which JSON stores as text.
 _PLAIN = {
     "strain": Strain,
     "formulation": Formulation,
@@ -351,7 +350,7 @@ _PLAIN = {
 
 
 def _parted(result: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays and plain values of a dataclass by name; those of a result in it as FIELD/NAME."""
+    """Arrays and plain values of a dataclass by name; of a nested result as FIELD/NAME."""
     values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
     arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
     plain = {name: v for name, v in values.items() if name not in arrays}
@@ -363,7 +362,7 @@ def _parted(result: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _history(rows: dict[str, Any]) -> ToolHistory:
-    """Undo what JSON does to tuples."""
+    """A tool history from JSON, which turns tuples into lists."""
     for name in ("forces", "moments"):
         rows[name] = [tuple(row) for row in rows[name]]
     return ToolHistory(**{name: tuple(row) for name, row in rows.items()})
@@ -391,7 +390,7 @@ def load_result(path: str | Path, *kinds: type[Any]) -> Any:
 
 
 def _made(kind: type[Any], values: dict[str, Any]) -> Any:
-    """A result of its values, which JSON has made plain."""
+    """Construct a result from its values, which JSON has stored as plain ones."""
     for name, known in _PLAIN.items():
         if name in values:
             values[name] = known(values[name])

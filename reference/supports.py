@@ -1,8 +1,8 @@
 """Supports as fixed degrees of freedom with their prescribed values.
 
-A node on slanted planes has axes of its own, the first of which span their normals: its degrees
-of freedom are the components along these. A fixed component is then a degree of freedom like any
-other, and nothing is penalised.
+A node on slanted planes has axes of its own, the first of which span the planes' normals: its
+degrees of freedom are the components along these axes. A fixed component is then a degree of
+freedom like any other, and no penalty is needed.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ class NodeFrames:
     axes: Floats
 
     def to_local(self, flat: Floats) -> Floats:
-        """A flat vector along x, y, z with components along the nodes' own axes, a copy."""
+        """Turn a flat vector along x, y, z to components along the nodes' own axes; a copy."""
         return self._turned(flat, self.axes)
 
     def to_global(self, flat: Floats) -> Floats:
-        """And back."""
+        """Turn a flat vector along the nodes' own axes to components along x, y, z; a copy."""
         return self._turned(flat, self.axes.transpose(0, 2, 1))
 
     def turned(self, matrix: Any) -> Any:
         """Q A Q^T, a new matrix, for vectors along the nodes' own axes."""
         first, last = matrix.getOwnershipRange()
-        # Q^T by rows: one entry of 1 but for these nodes, which have three.
+        # Q^T by rows: a single entry 1, except for these nodes, which have three entries.
         counts = np.ones(last - first, dtype=PETSc.IntType)
         counts[self.dofs] = 3
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
@@ -77,16 +77,16 @@ class NodeFrames:
 
 
 class HeldDofs:
-    """Which degrees of freedom are fixed, and where.
+    """The fixed degrees of freedom and their prescribed values.
 
     Args:
         coordinates: Rest positions of the nodes that this rank owns [m], shape (num_blocks, 3).
-        supports: All of them.
+        supports: All supports of the problem.
         blocks: Nodes of each support.
 
     Attributes:
-        dofs: Sorted degrees of freedom (three per node), shape (n,); of nodes with axes of their
-            own along those.
+        dofs: Sorted degrees of freedom (three per node), shape (n,); for nodes with axes of their
+            own these are components along them.
         values: Displacement of each under the full load [m], shape (n,).
         frames: Nodes with axes of their own; None where there are none.
     """
@@ -103,7 +103,7 @@ class HeldDofs:
         self._slanted = self._find_slanted()
         is_held = self._owner >= 0
         self.frames: NodeFrames | None = None
-        # On all ranks or on none.
+        # All ranks have frames, or none has.
         if any(support.normal is not None for support in supports):
             nodes = np.array([node.block for node in self._slanted], dtype=np.int32)
             for node in self._slanted:
@@ -119,11 +119,11 @@ class HeldDofs:
         return self.at(1.0)
 
     def at(self, factors: float | Sequence[float]) -> Floats:
-        """Displacement of each at a part of the full size, of all supports or one for each [m]."""
+        """Displacement of each for a factor on all supports, or for one factor for each [m]."""
         return self._everywhere(factors)[self._places]
 
     def renumbered(self, new: Indices) -> HeldDofs:
-        """The same with other numbers for the degrees of freedom, `new` of each old one."""
+        """A copy with degrees of freedom renumbered; `new` is the number of each old one."""
         other = copy.copy(self)
         other.__dict__.pop("values", None)
         order = np.argsort(new[self._places])
@@ -134,15 +134,15 @@ class HeldDofs:
         return other
 
     def shares(self, reactions: Points) -> Points:
-        """What each support takes of nodal forces on the body [N], shape (num_supports, 3).
+        """Resultant of nodal reactions at each support [N], shape (num_supports, 3).
 
-        What several hold along x, y, z counts for the first; on slanted planes each pushes along
-        its normal.
+        A component along x, y, z that several supports fix counts for the first; on slanted planes
+        each support has a force along its normal.
         """
         left = reactions.copy()
         forces = np.zeros((len(self._supports), 3))
         for node in self._slanted:
-            # r = sum of pushes times directions, by least squares where one plane is named twice.
+            # r = sum of pushes times directions, by least squares where a plane is given twice.
             pushes = np.linalg.pinv(node.directions.T, rcond=_ONE_PLANE) @ left[node.block]
             np.add.at(forces, node.supports, pushes[:, None] * node.directions)
             left[node.block] = 0.0
@@ -167,7 +167,7 @@ class HeldDofs:
         return held.ravel()
 
     def _asked(self, node: _SlantedNode, factors: Floats) -> Floats:
-        """What supports ask for along their directions."""
+        """Prescribed displacements of the supports along their directions [m]."""
         place = self._coordinates[node.block][None]
         return np.array(
             [
@@ -203,19 +203,19 @@ class HeldDofs:
 @dataclass(frozen=True, eq=False)
 class _SlantedNode:
     block: int
-    supports: NDArray[np.int64]  # that hold it, one for each direction
+    supports: NDArray[np.int64]  # that fix it, one for each direction
     directions: Floats  # unit vectors, (n, 3)
-    axes: Floats  # its own, as rows
-    values: Floats  # held components from what is asked along the directions, (rank, n)
+    axes: Floats  # its own axes, as rows
+    values: Floats  # from displacements along the directions to fixed components, (rank, n)
 
 
 def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
     """Turn supports into fixed degrees of freedom.
 
-    A facet holds everything on its closure: of a quadratic space its edges too.
+    A facet fixes all nodes on its closure: in a quadratic space those on its edges too.
 
     Raises:
-        InputError: A prescribed displacement that is not finite.
+        InputError: A prescribed displacement is not finite.
     """
     blocks = []
     for number, support in enumerate(supports, start=1):
@@ -235,7 +235,7 @@ def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
 
 
 def _placed(support: Support, places: Points, factor: float) -> Points:
-    """Displacements by a support of rest positions at a part of its full size [m], (n, 3)."""
+    """Displacements that a support prescribes at rest positions, times a factor [m], (n, 3)."""
     displacement = np.asarray(support.displacement, dtype=np.float64)
     moved: Points = np.tile(factor * displacement, (len(places), 1))
     if support.rotation is not None:

@@ -1,7 +1,7 @@
-"""What the reference can be asked to do, as plain data; importable without FEniCSx.
+"""Tasks of the reference as plain data; importable without FEniCSx.
 
-A task is called with a problem and a place to tell progress; it travels to a child process as a
-file and to the ranks of mpirun as it is.
+A task is called with a problem and a function that reports progress; it is passed to a child
+process as a file and to the ranks of mpirun by pickling.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ Answer = TypeVar("Answer")
 
 
 class Task(Generic[Answer]):
-    """What is done with a problem: a function, whose options are the fields of the task.
+    """A function to be called with a problem; its options are the fields of the task.
 
     Attributes:
-        answer: The class of what comes out.
-        function: "module:name" below palpate.reference, which says what the fields mean.
+        answer: The class of its result.
+        function: "module:name" below palpate.reference; its docstring defines the fields.
     """
 
     answer: ClassVar[type[Any]]
@@ -45,14 +45,14 @@ class Task(Generic[Answer]):
 
     @property
     def needs_one_rank(self) -> bool:
-        """Whether it cannot be spread over the ranks of mpirun.
+        """Whether it cannot be distributed over the ranks of mpirun.
 
-        Averages of smoothed tetrahedra need all cells at an edge, those of other ranks too.
+        Averages of smoothed tetrahedra need all cells at an edge, also those of other ranks.
         """
         return getattr(self, "element", None) is Element.SMOOTHED
 
     def options(self) -> dict[str, Any]:
-        """What the function is called with, beside the problem and a place for progress."""
+        """Keyword arguments of the function, besides the one that reports progress."""
         return dict(vars(self))
 
     def __call__(self, problem: Problem, progress: Progress) -> Answer:
@@ -82,16 +82,16 @@ class AdaptiveTask(Task[AdaptiveResult]):
     """`palpate.reference.adaptivity.adaptive.solve_adaptively`.
 
     Attributes:
-        goals: What each is called and its tolerance. A name is that of a quantity; where it is of
-            a part of the body, "@" and something of the caller's own follow.
-        seconds: Of the budget.
-        memory: Likewise [GB].
-        unknowns: Likewise.
-        part_cells: Of the goals with a part, in their order, 1 in the cells whose stress counts and
-            0 in the others, shape (num_parts, num_cells).
-        part_weights: Likewise `Part.weights`, shape (num_parts, num_points, 3).
-        part_supports: Likewise the support, -1 for none, shape (num_parts,).
-        strain: See `solve_adaptively`; so are the others.
+        goals: Name and tolerance of each goal. A name is that of a quantity; for a quantity of a
+            part of the body it is followed by "@" and a label chosen by the caller.
+        seconds: Time of the budget [s].
+        memory: Memory of the budget [GB].
+        unknowns: Unknowns of the budget.
+        part_cells: For each goal with a part, 1 in the cells whose stress counts and 0 in the
+            others, shape (num_parts, num_cells).
+        part_weights: `Part.weights` of the same goals, shape (num_parts, num_points, 3).
+        part_supports: The support of the same goals, -1 for none, shape (num_parts,).
+        strain: See `solve_adaptively`, also for the other fields.
     """
 
     goals: tuple[tuple[str, float], ...]
@@ -109,7 +109,7 @@ class AdaptiveTask(Task[AdaptiveResult]):
     answer, function = AdaptiveResult, "adaptivity.adaptive:solve_adaptively"
 
     def options(self) -> dict[str, Any]:
-        """Goals and budget of the plain fields."""
+        """Goals and budget from the plain fields."""
         from palpate.reference.adaptivity.goals import Budget, Goal, Part, Quantity
 
         rows = zip(self.part_cells, self.part_weights, self.part_supports, strict=True)
