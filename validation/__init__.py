@@ -1,1 +1,1 @@
-"""The judge: cases, metrics, gates, studies, benchmarks and reports."""
+"""The judge of simulators: cases, metrics, gates, studies, benchmarks and reports."""

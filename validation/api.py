@@ -1,8 +1,8 @@
 """The front door: what `import palpate` offers, in SI units.
 
-What is plain data (a mesh, a material, what is fixed and pushed, a problem) comes from
-`palpate.meshes`; the verbs do what the command line does. Nothing slow is loaded before a verb
-that needs it is called.
+Plain data (a mesh, a material, supports, loads, a problem) comes from `palpate.meshes`; the
+functions do what the verbs of the command line do. Nothing slow is loaded before a function that
+needs it is called.
 """
 
 from __future__ import annotations
@@ -110,14 +110,14 @@ __all__ = [
     "to_pyvista",
 ]
 
-# A case that was read, the name of a built-in one, or a path to a .toml file.
+# A case that was read, the name of a built-in case, or a path to a .toml file.
 AnyCase: TypeAlias = "Case | str | Path"
 
 
 def load_case(name_or_path: str | Path) -> Case:
     """Read a case: a built-in name, or a path to a .toml file.
 
-    Its `problem` is meshed when first asked for; `checks` says what is judged.
+    Its `problem` is meshed on first access; its `checks` state what is judged.
 
     Args:
         name_or_path: `palpate cases` lists the built-in ones; `palpate init` writes a file.
@@ -126,8 +126,8 @@ def load_case(name_or_path: str | Path) -> Case:
         The case, in SI units.
 
     Raises:
-        InputError: No such case, not TOML, an unknown or missing key, a bad value; the message
-            names file, line, key and remedy.
+        InputError: The case does not exist or is not TOML, a key is unknown or missing, or a value
+            is invalid; the message names file, line, key and remedy.
 
     >>> import palpate
     >>> case = palpate.load_case("kidney")
@@ -153,22 +153,22 @@ def mesh(
 
     Args:
         surface: A surface [m], or a file of one: .stl, .obj, .ply, .off, .msh, .vtk, .vtu.
-        unit: In which a file is written; a surface that is given is in metres.
-        edge_length: Wanted inside [m], > 0; None takes the surface's mean.
+        unit: The unit of length of a file; a surface that is passed is in metres.
+        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean.
         mesher: fastsim's own, gmsh, or the first and then the other.
         boundary_distance: How far better facets may lie from the given ones [m], > 0; None keeps
             the surface's own.
-        repair: Of a file: merge near points, cut fins, turn facets, close holes (facet groups
-            "cap 1", ...) and repair what cuts itself; or what of that may be done.
-        wrap: Of a file: how far a new closed surface around it may lie [m], > 0, in the place of
-            repair; None makes none.
+        repair: Repair a file: merge near points, cut fins, turn facets, close holes (facet groups
+            "cap 1", ...) and repair self-intersections; or which of these may be done.
+        wrap: Instead of repair, how far a new closed surface around a file's facets may lie from
+            them [m], > 0; None makes no such surface.
 
     Returns:
-        The mesh [m]; its volume is the surface's where that is kept.
+        The mesh [m]; where the surface is kept, the volume is that of the surface.
 
     Raises:
-        InputError: A file that cannot be read, a surface that bounds no solid, a bad value, or no
-            mesher that manages.
+        InputError: The file cannot be read, the surface bounds no solid, a value is invalid, or no
+            mesher succeeds.
 
     >>> import palpate
     >>> from palpate.meshes.shapes import shape_box
@@ -218,22 +218,22 @@ def judge(
     """Judge a simulator on a case.
 
     Args:
-        case: With at least one check.
+        case: A case with at least one check.
         simulator: A function from the problem to displacements [m] at its points, (num_points,
-            3), of a motion (num_outputs + 1, num_points, 3); or a command, "mysim {case}
+            3), for a motion (num_outputs + 1, num_points, 3); or a command, "mysim {case}
             {result}"; fastsim where None.
-        element: Of fastsim's tetrahedra: "linear", "smoothed", or "both" beside one another; linear
+        element: fastsim's tetrahedra: "linear", "smoothed", or "both" beside one another; linear
             where None.
-        live: Solve the reference here where FEniCSx is installed; a stored one otherwise.
-        time_limit: Of a command [s]; 600 where None.
-        progress: Called with one line now and then.
+        live: Solve the reference here if FEniCSx is installed; otherwise use the stored one.
+        time_limit: Time limit of a command [s]; 600 where None.
+        progress: Called with a line of text from time to time.
 
     Returns:
         The verdict, and every check with its number, limit and reason. A simulator that raises,
-        crashes or answers NaN has failed.
+        crashes or returns NaN has failed.
 
     Raises:
-        InputError: No check for this simulator, no reference, or an answer of the wrong shape.
+        InputError: No check for this simulator, no reference, or displacements of a wrong shape.
 
     >>> import palpate
     >>> def nothing_moves(problem):
@@ -263,12 +263,12 @@ def compare(
     live: bool = False,
     progress: Progress = in_silence,
 ) -> CaseResult:
-    """Judge an answer that is already there.
+    """Judge an existing solution.
 
     Args:
-        case: With at least one check.
-        answer: A result file (.vtu, .npz, .csv), a state, or displacements [m] as `judge` has
-            them.
+        case: A case with at least one check.
+        answer: The solution: a result file (.vtu, .npz, .csv), a state, or displacements [m] in the
+            shape that `judge` expects.
         live: See `judge`.
         progress: See `judge`.
 
@@ -276,7 +276,7 @@ def compare(
         The verdict, as `judge` gives it.
 
     Raises:
-        InputError: See `judge`; or a file that cannot be read.
+        InputError: See `judge`; or the file cannot be read.
 
     >>> import palpate
     >>> answer = palpate.solve(palpate.load_case("block").problem)
@@ -300,21 +300,21 @@ def audit(
     degree: int = 2,
     progress: Progress = in_silence,
 ) -> Audit:
-    """Measure an answer against the equations it should satisfy, without solving them.
+    """Measure a solution against the equations it should satisfy, without solving them.
 
     Args:
-        case: Without time.
-        answer: See `compare`.
-        strain: Of the equations; the case's where None.
+        case: A static case.
+        answer: The solution, see `compare`.
+        strain: Strain measure of the equations; the case's where None.
         degree: Of the test functions: 1 judges the solver; 2 and 3 the mesh too, and need FEniCSx.
-        progress: Called with one line now and then.
+        progress: Called with a line of text from time to time.
 
     Returns:
         Residual, balance of forces and moments, stability, estimated errors, each cell's part.
 
     Raises:
-        InputError: A case that moves, or an answer that cannot be used.
-        CandidateFailedError: The answer holds NaN.
+        InputError: The case is a motion, or the solution cannot be used.
+        CandidateFailedError: The solution contains NaN.
         ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
 
     >>> import palpate
@@ -337,14 +337,14 @@ def audit(
 def audit_result(
     case: Case, candidate: Candidate, *, strain: Strain, degree: int, progress: Progress
 ) -> tuple[State, Audit]:
-    """A candidate's answer with its audit: of degree 1 by the judge, beyond by the reference.
+    """A candidate's solution with its audit: of degree 1 by the judge, beyond by the reference.
 
-    Degree 1 is the equations of the answer's own tetrahedra, plain or smoothed; degrees 2 and 3
-    are the continuum's, whatever it was made with. See `audit`.
+    Degree 1 tests the equations of the solution's own tetrahedra, plain or smoothed; degrees 2 and
+    3 test those of the continuum, whatever the element. See `audit`.
 
     Raises:
-        InputError: A case that moves, or a result that cannot be read.
-        CandidateFailedError: The result holds NaN, numbers too large to measure, or a body
+        InputError: The case is a motion, or the result cannot be read.
+        CandidateFailedError: The result contains NaN, numbers too large to measure, or a body
             of quite another size.
         ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
     """
@@ -375,16 +375,16 @@ def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = Non
     """Write a case as a folder that any simulator can read: case.json, rest.vtu, rest.npz.
 
     Args:
-        case: To be written.
-        folder: Made where it is not there; one that holds anything but an exported case is
+        case: The case to write.
+        folder: Created if it does not exist; a folder with anything but an exported case is
             refused.
-        strain: Which law is asked for; the case's where None.
+        strain: The strain measure that is asked for; the case's where None.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: A folder that cannot be used.
+        InputError: The folder cannot be used.
 
     >>> import palpate
     >>> folder = palpate.export("block", "block-case")
@@ -412,12 +412,12 @@ def to_pyvista(problem: Problem, state: State, *, step: int = -1) -> Unstructure
     are deformed, x = X + u.
 
     Args:
-        problem: That was solved.
+        problem: The problem that was solved.
         state: Its solution.
-        step: Of a motion, the number of the output time; the last one unless asked for.
+        step: Number of the output time of a motion; the last one by default.
 
     Returns:
-        Points [m]; point data `displacement` [m]; of the last state also cell data `von_mises` and
+        Points [m]; point data `displacement` [m]; for the last state also cell data `von_mises` and
         `cauchy_stress` [Pa] (nine components, row by row), where the state has stresses.
 
     Raises:

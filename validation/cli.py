@@ -72,7 +72,7 @@ app.command()(studies.scoreboard)
 def main() -> None:
     """Run the command line; every end has its exit code, and no traceback looks like a verdict.
 
-    Under mpirun the first process does; the others do their part of what it solves.
+    Under mpirun the first process runs it; the others do their part of what it solves.
     """
     from palpate.reference import ranks
 

@@ -1,4 +1,4 @@
-"""Where outputs may go: never over an input, never over each other; known before the solving."""
+"""Checks where outputs may go, before solving: never over an input or over each other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.meshes.errors import InputError
 if TYPE_CHECKING:
     from palpate.validation.case import Case
 
-# What a path leads to: the file itself where it exists, however it is spelled.
+# What a path leads to: the existing file itself, however the path is spelled.
 _Identity: TypeAlias = tuple[int, int] | str
 # Folders that version control keeps at the root of a repository.
 _ROOTS = (".git", ".hg", ".svn")
@@ -33,11 +33,11 @@ def require_outputs(
     """Refuse output files that would overwrite an input or each other, or cannot be written.
 
     Args:
-        outputs: By the option that names each; None where it was not given.
+        outputs: Output files by the option that names each; None where it was not given.
         inputs: Files that the run reads.
 
     Raises:
-        OutputError: One of them does; nothing was touched.
+        OutputError: An output is refused; nothing was touched.
     """
     read = {_identity(path): Path(path) for path in inputs}
     written: dict[_Identity, str] = {}
@@ -61,11 +61,11 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
     """Refuse a folder for `write_case_folder` whose files are not an exported case's.
 
     Args:
-        folder: Not there yet, or without files of those names, or with an exported case.
-        inputs: Files that the run reads; the folder may hold none of them.
+        folder: A folder that does not exist, has no files of those names, or has an exported case.
+        inputs: Files that the run reads; the folder may contain none of them.
 
     Raises:
-        OutputError: A file, a folder with files of those names, or a protected one.
+        OutputError: It is a file, a folder with files of those names, or a protected folder.
     """
     from palpate.validation.exchange.case_folder import FILES, is_case_folder
 
@@ -85,12 +85,12 @@ def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) 
     """Refuse a folder in which nobody wants files of a run among their own.
 
     Args:
-        path: Whether there or not.
+        path: The folder, which may or may not exist.
         inputs: Files that the run reads.
 
     Raises:
-        OutputError: The current folder or one above it, home, a repository's root, or a folder
-            with an input.
+        OutputError: It is the current folder or one above it, home, a repository's root, or a
+            folder with an input.
     """
     target = Path(os.path.realpath(path))
     here = Path(os.path.realpath(Path.cwd()))
@@ -116,12 +116,12 @@ def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) 
 def input_files(
     cases: Sequence[Case], *others: str | Path | None, command: str | None = None
 ) -> list[Path]:
-    """What a run reads: case files with their meshes and references, and more.
+    """The files that a run reads: case files with their meshes and references, and others.
 
     Args:
-        cases: That are judged or solved.
+        cases: Cases that are judged or solved.
         others: Further files; None is left out.
-        command: Of a simulator: every word of it that is a file here.
+        command: A simulator's command line: every word of it that is a file here counts.
     """
     from palpate.validation.references.stored import accepted_path, pending_path
 
@@ -132,7 +132,7 @@ def input_files(
     try:
         words = shlex.split(command or "")
     except ValueError:
-        words = []  # refused where the command is run
+        words = []  # it is refused where the command is run
     return files + [Path(word) for word in words if os.path.isfile(word)]  # noqa: PTH113
 
 
@@ -140,7 +140,7 @@ def _identity(path: str | Path) -> _Identity:
     """The same for every spelling of a path and every link to a file.
 
     Raises:
-        OutputError: A path that no file can have.
+        OutputError: No file can have this path.
     """
     try:
         real = os.path.realpath(path)

@@ -1,9 +1,9 @@
-"""Judge cases from pytest: the fixture `palpate_case`.
+"""The fixture `palpate_case`, which judges cases from pytest.
 
     def test_my_simulator(palpate_case):
         palpate_case("block", simulator="python mysim.py {case} {result}")
 
-Installed with palpate; nothing is imported before the fixture is called.
+It is installed with palpate; nothing is imported before the fixture is called.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def palpate_case() -> JudgeCase:
     """Judge one case; fails the test with the checks that did not pass.
 
     The function takes a built-in name or a path to a .toml file and, as keywords, `simulator`
-    (a command line with {case} and {result}; fastsim where None), `result` (a file that is
-    already there), `element` (of fastsim: linear, smoothed or both), `time_limit` [s] and `live`.
-    It gives the judged case.
+    (a command line with {case} and {result}; fastsim where None), `result` (an existing result
+    file), `element` (of fastsim: linear, smoothed or both), `time_limit` [s] and `live`.
+    It returns the judged case.
     """
 
     def judge(

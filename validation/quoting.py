@@ -1,8 +1,8 @@
-"""Words of others in what palpate writes: one function for each kind of output.
+"""Quotes texts of others in what palpate writes: one function for each kind of output.
 
-Titles, reasons and names come from case files, last lines and `about` from simulators. None of it
+Titles, reasons and names come from case files, last lines and `about` from simulators. None of them
 may move a cursor, start a workflow command, turn the reading direction, end a table cell, break
-XML or be run by a spreadsheet. What cannot be seen is shown as an escape, so that nothing is lost.
+XML or be run by a spreadsheet. Invisible characters are shown as escapes, so that nothing is lost.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-# Controls, formats (reading direction among them), halves of characters, line separators.
+# Controls, formats (reading direction among them), surrogates, line separators.
 _HIDDEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-# Joiners that Persian, Hindi and others cannot be written without.
+# Joiners, without which Persian, Hindi and others cannot be written.
 _NEEDED = "\u200c\u200d"
 _MOST_WORDS = 200
 _MOST_KEYS = 12
@@ -39,44 +39,44 @@ def _shown(character: str) -> str:
 def for_terminal(text: str) -> str:
     """One line for a terminal and the log of a CI: no escapes, no workflow commands.
 
-    GitHub takes `::name::` at the start of a line, which a narrow table may make of any place, and
-    `##[name]` anywhere; others `##name[`.
+    GitHub reads `::name::` at the start of a line, where a narrow table may put any word, and
+    `##[name]` anywhere; other systems read `##name[`.
     """
     return re.sub(r"##(?=\w*\[)", "# #", visible(text).replace("::", ": :"))
 
 
 def for_terminal_lines(text: str) -> str:
-    """Lines that are meant as such, each as in `for_terminal`."""
+    """Text in which line breaks are wanted, each line as in `for_terminal`."""
     return "\n".join(for_terminal(line) for line in text.split("\n"))
 
 
 def for_html(value: Any) -> Any:
-    """Text for a template, which escapes it; its lines stay. Everything else as it is."""
+    """Text for a template, which escapes it; line breaks stay. Other values are unchanged."""
     return "\n".join(map(visible, value.split("\n"))) if type(value) is str else value
 
 
 def for_markdown(text: str) -> str:
-    """Text for a cell of a Markdown table: no HTML, no end of the cell, no links or pictures."""
+    """Text for a cell of a Markdown table: without HTML, cell ends, links or pictures."""
     return re.sub(r"[&<>|`\\\[\]]", lambda c: f"&#{ord(c[0])};", visible(text))
 
 
 def for_xml(text: str) -> str:
-    """Text that XML allows, to be escaped by whoever writes it."""
+    """Text that XML allows; whoever writes it has to escape it."""
     return visible(text)
 
 
 def for_workflow(text: str) -> str:
-    """Message of a GitHub workflow command."""
+    """Text for the message of a GitHub workflow command."""
     return "%0A".join(visible(line) for line in text.replace("%", "%25").splitlines())
 
 
 def for_workflow_property(text: str) -> str:
-    """Property of a GitHub workflow command: its file, its title."""
+    """Text for a property of a GitHub workflow command, such as its file or title."""
     return for_workflow(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def for_csv(value: Any) -> Any:
-    """A cell of a table: text that a spreadsheet would run gets an apostrophe; numbers stay."""
+    """A cell of a CSV table: text that a spreadsheet would run gets an apostrophe."""
     if not isinstance(value, str):
         return value
     text = visible(value)
@@ -98,7 +98,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
 
 
 def for_json(value: Any) -> Any:
-    """Plain data for strict JSON: None for numbers that are none, no halves of characters."""
+    """Plain data for strict JSON: None for NaN and infinities, and no surrogates."""
     if isinstance(value, Mapping):
         return {str(for_json(str(key))): for_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -109,13 +109,13 @@ def for_json(value: Any) -> Any:
 
 
 def in_quotes(text: str) -> str:
-    """The words of somebody else within a sentence of ours."""
+    """Put somebody else's words in quotation marks, for a sentence of palpate's."""
     cut = text if len(text) <= _MOST_WORDS else text[:_MOST_WORDS] + "..."
     return '"' + visible(cut.replace("\\", "\\\\").replace('"', '\\"')) + '"'
 
 
 def own_words(name: str, said: Mapping[str, Any]) -> str:
-    """What a candidate says of itself, as its words, in a sentence; empty where that is nothing."""
+    """A sentence that quotes what a candidate says of itself; "" where it says nothing."""
     parts = [f"{in_quotes(key)}: {in_quotes(str(value))}" for key, value in said.items()]
     if len(parts) > _MOST_KEYS:
         parts = [*parts[:_MOST_KEYS], f"and {len(parts) - _MOST_KEYS} more"]

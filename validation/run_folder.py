@@ -1,9 +1,9 @@
-"""A folder of results that is all old or all new: made beside, then swapped in one step.
+"""A folder of results that is all old or all new: written beside it, then swapped in one step.
 
-A run lists what it wrote, with hashes, in a marker in the folder itself. By it alone a folder is
-known for a run's, and only that one may be replaced: a file that is not listed, or has changed
-since, belongs to somebody. Nothing that palpate did not write is ever removed: files of the
-user's own in the folder of an old run are carried into the new one.
+A run lists the files that it wrote, with hashes, in a marker file in the folder. Only a folder
+with such a marker is known as a run's and may be replaced: a file that is not listed, or has
+changed since, belongs to the user. Nothing that palpate did not write is ever removed: the user's
+own files in the folder of an old run are carried into the new one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from palpate.meshes.temporaries import locked, own_mark, sweep
 from palpate.validation.output_files import OutputError, require_unprotected
 from palpate.validation.versions import version_of
 
-# The numbers of a run, for other programs.
+# The file with the numbers of a run, for other programs.
 RESULTS = "results.json"
 MARKER = ".palpate-run.json"
 _SCHEMA = 1
@@ -47,8 +47,8 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
     not be replaced any more, the new run is left beside it.
 
     Args:
-        path: See `require_run_folder`; so are the errors.
-        inputs: Likewise.
+        path: See `require_run_folder`, also for the errors.
+        inputs: See `require_run_folder`.
     """
     given = list(inputs)
     require_run_folder(path, inputs=given)
@@ -91,12 +91,12 @@ def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -
     """Refuse a folder that a run may not replace, before anything is solved.
 
     Args:
-        path: Not there yet, empty, or the folder of an earlier run.
-        inputs: Files that the run reads; the folder may hold none of them.
+        path: A folder that does not exist, is empty, or belongs to an earlier run.
+        inputs: Files that the run reads; the folder may contain none of them.
 
     Raises:
-        OutputError: A file, the current folder or one above it, home, a repository's root, a
-            folder with an input, one with files but no run's, or a run's files that were changed.
+        OutputError: It is a file, the current folder or one above it, home, a repository's root, a
+            folder with an input or with files that no run wrote, or a run's files were changed.
     """
     try:
         target = Path(os.path.realpath(path))
@@ -137,7 +137,7 @@ def _require_replaceable(path: str | Path, target: Path) -> None:
 
 
 def _unswapped(target: Path, look: Callable[[], T]) -> T:
-    """Look at a folder, again where another run put its own in its place meanwhile."""
+    """Inspect a folder; repeat it where another run swapped in its own folder meanwhile."""
     for _ in range(20):
         before = _number(target)
         try:
@@ -165,7 +165,7 @@ def _some(names: list[str]) -> str:
 
 
 def _write_marker(folder: Path) -> None:
-    """List all files of a folder, which are a run's, in the folder."""
+    """Write the marker, which lists all files of a run's folder."""
     document = {
         "palpate_run": _SCHEMA,
         "palpate": version_of("palpate"),
@@ -181,7 +181,7 @@ def _read_marker(folder: Path) -> dict[str, str] | None:
     """SHA-256 of every file that a run wrote, by its path in the folder; None without a marker.
 
     Raises:
-        InputError: A marker that is damaged, or of a later palpate.
+        InputError: The marker is damaged, or was written by a later palpate.
     """
     path = folder / MARKER
     damaged = InputError(
@@ -208,7 +208,7 @@ def _read_marker(folder: Path) -> dict[str, str] | None:
 
 
 def _is_own(folder: Path, name: str, hashes: Mapping[str, str]) -> bool:
-    """Whether a file of the folder is as the run wrote it."""
+    """Whether a file of the folder is unchanged since the run wrote it."""
     path = folder / name
     if name not in hashes or path.is_symlink() or not path.is_file():
         return False
@@ -221,10 +221,10 @@ def _hash(path: Path) -> str:
 
 
 def _files_of(folder: Path) -> list[str]:
-    """Everything in a folder that is no folder, links included, sorted; without the marker.
+    """All files in a folder and its subfolders, links included, sorted; without the marker.
 
     Raises:
-        OSError: A folder in it that cannot be read.
+        OSError: A folder in it cannot be read.
     """
     found = []
     for where, names, files in os.walk(folder, onerror=_raise):
@@ -234,7 +234,7 @@ def _files_of(folder: Path) -> list[str]:
 
 
 def _folders_of(folder: Path) -> list[str]:
-    """Folders in a folder, outer ones first; links are not followed."""
+    """All subfolders of a folder, outer ones first; links are not followed."""
     found = []
     for where, names, _ in os.walk(folder, onerror=_raise):
         found += [Path(where, n).relative_to(folder).as_posix() for n in names]
@@ -251,11 +251,11 @@ def _swap_in(fresh: Path, target: Path) -> None:
     fresh.chmod(0o777 & ~mask)
     for _ in range(20):
         if not (target / MARKER).exists():
-            if os.name == "nt":  # where a rename replaces nothing, not even an empty folder
+            if os.name == "nt":  # a rename replaces nothing there, not even an empty folder
                 with contextlib.suppress(OSError):
                     target.rmdir()
             try:
-                fresh.rename(target)  # replaces an empty folder too, and no other
+                fresh.rename(target)  # this replaces an empty folder too, and no other
                 return
             except OSError:
                 if not (target / MARKER).exists():
@@ -263,7 +263,7 @@ def _swap_in(fresh: Path, target: Path) -> None:
                 continue  # another run was faster: exchange with its folder
         _carry(target, fresh)
         if not _exchange(fresh, target):
-            # No exchange on this system: a moment without the folder, never a mixture.
+            # This system has no exchange: the folder is missing for a moment, but never a mixture.
             old = target.with_name(f".{target.name}.palpate-run-{own_mark()}")
             target.rename(old)
             fresh.rename(target)
@@ -273,7 +273,7 @@ def _swap_in(fresh: Path, target: Path) -> None:
 
 
 def _carry(old: Path, fresh: Path) -> None:
-    """Put the user's own files of an old run into a new one: as links where that works."""
+    """Carry the user's own files from an old run into a new one, as links where possible."""
 
     def look() -> tuple[list[str], list[str]]:
         listed = _read_marker(old) or {}
@@ -301,9 +301,9 @@ def _carry(old: Path, fresh: Path) -> None:
 
 
 def _remove(run: Path, target: Path) -> None:
-    """Remove what a run wrote, and what `target` has as well; whatever else is there stays.
+    """Remove what a run wrote, and what `target` has as well; everything else stays.
 
-    Without a marker it was never finished, and all of it is palpate's.
+    Without a marker the run was never finished, and all of its files are palpate's.
     """
     if not run.exists():
         return
@@ -316,7 +316,7 @@ def _remove(run: Path, target: Path) -> None:
             (run / name).unlink()
     left = _files_of(run)
     if left:
-        # Written into the old folder in the very moment of the swap.
+        # Files that were written into the old folder in the moment of the swap.
         beside = _free_name(target)
         run.rename(beside)
         print(f"palpate: kept in {beside}: {_some(left)}", file=sys.stderr)
@@ -328,14 +328,14 @@ def _remove(run: Path, target: Path) -> None:
 
 
 def _target_of(left: Path) -> Path:
-    """The folder that a killed run wanted to replace."""
+    """The folder that an interrupted run was to replace."""
     match = _TEMPORARY.fullmatch(left.name)
     assert match is not None
     return left.with_name(match["target"])
 
 
 def _is_same(one: Path, other: Path) -> bool:
-    """Whether two files are one by a link, or equal."""
+    """Whether two files are the same by a link, or have equal contents."""
     if one.is_symlink() or other.is_symlink():
         return one.is_symlink() and other.is_symlink() and one.readlink() == other.readlink()
     if not other.is_file() or not one.is_file():

@@ -1,4 +1,4 @@
-"""Who solves, and one way to ask: statics or motion, with tools or not."""
+"""The simulators, and one function for all problems: statics or motion, with tools or not."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.validation.states import Elements, Method, Progress, State, in_sile
 
 
 class Simulator(StrEnum):
-    """Who solves: fastsim, its condensed linear model, or the reference, which needs FEniCSx.
+    """The simulator: fastsim, its condensed linear model, or the reference, which needs FEniCSx.
 
     >>> import palpate
     >>> palpate.Simulator("reference")
@@ -46,33 +46,33 @@ def solve(
     device: str = "cpu",
     progress: Progress = in_silence,
 ) -> State:
-    """Solve a problem, whatever it asks for: statics or motion, with tools or without.
+    """Solve a problem: statics or motion, with tools or without.
 
     Args:
-        problem: A motion from rest where it has a time span, equilibrium otherwise.
+        problem: With a time span it is a motion from rest, otherwise equilibrium.
         with_: fastsim; "condensed", its condensed linear model, for linear strain and statics; or
             the reference (UFL on FEniCSx, which it needs).
-        strain: Engineering strain, or Green strain (Saint-Venant-Kirchhoff).
-        degree: Of the reference's elements, 1 to 3; of a motion 1 or 2.
-        method: How fastsim looks for equilibrium: Newton's method, or dynamic relaxation, which
+        strain: "linear" (engineering strain), or "green": the problem's law at finite strain.
+        degree: Degree of the reference's elements, 1 to 3; for a motion 1 or 2.
+        method: How fastsim finds equilibrium: Newton's method, or dynamic relaxation, which
             solves no equations.
-        formulation: Of the reference's equilibrium: displacements alone, or pressure beside them,
-            degree 2 or 3, for tissue near incompressibility. Where None, with pressure from
-            Poisson's ratios of 0.49 on, if the degree is 2 or 3.
-        element: Linear tetrahedra, plain, or smoothed over edges and nodes: nearer the truth on
-            the same mesh; of the reference with degree 1.
-        device: Of fastsim's explicit steps, a motion's or relaxation's: "cpu" is the compiled core;
+        formulation: The reference's equilibrium: displacements alone, or also pressure, with degree
+            2 or 3, for tissue near incompressibility. None adds pressure from Poisson's ratios of
+            0.49 on, if the degree is 2 or 3.
+        element: Linear tetrahedra, or the same smoothed over edges and nodes, which are nearer the
+            truth on the same mesh; for the reference with degree 1.
+        device: For fastsim's explicit steps, in motions and relaxation: "cpu" is the compiled core;
             "cuda:0" a GPU, "warp:cpu" its kernels on the processor, both with the extra `gpu`.
-        progress: Called with one line now and then.
+        progress: Called with a line of text from time to time.
 
     Returns:
-        Displacement [m], (num_points, 3), with volume, area, smallest det F and, of a motion, the
+        Displacement [m], (num_points, 3), with volume, area, smallest det F and, for a motion, the
         `trajectory`.
 
     Raises:
-        InputError: A word that is not known, or what this one cannot be asked.
-        CandidateFailedError: fastsim found no answer; the message says why.
-        ReferenceFailedError, ReferenceUnavailableError: The reference found none, or is not here.
+        InputError: A name is not known, or this simulator cannot solve such a problem.
+        CandidateFailedError: fastsim found no solution; the message says why.
+        ReferenceFailedError, ReferenceUnavailableError: The reference failed or is not installed.
 
     >>> import palpate
     >>> problem = palpate.load_case("block").problem
@@ -95,7 +95,7 @@ def solve(
     _require_possible(problem, simulator, way, form)
     if device != "cpu":
         _require_stepped(problem, simulator, way, device)
-    # Both bring pydantic and meshio along, which `import palpate` and --help do without.
+    # Both import pydantic and meshio, which `import palpate` and --help do without.
     if simulator is Simulator.REFERENCE:
         from palpate.validation.references.runs import solve_reference
 
@@ -151,13 +151,13 @@ def simulate(
 
     Args:
         problem: See `solve`.
-        time: Taken instead of the problem's own.
-        with_: See `solve`; the other arguments and errors as well.
-        strain: Likewise.
-        degree: Likewise.
-        element: Likewise.
-        device: Likewise.
-        progress: Likewise.
+        time: Time span instead of the problem's own.
+        with_: See `solve`, also for the other errors.
+        strain: See `solve`.
+        degree: See `solve`.
+        element: See `solve`.
+        device: See `solve`.
+        progress: See `solve`.
 
     Returns:
         The last state; its `trajectory` has all of them, its `tool_forces` the forces on tools.
@@ -186,10 +186,10 @@ def simulate(
 
 
 def known_word(kind: type[_Choice], word: str, option: str) -> _Choice:
-    """One of a closed choice, by its word.
+    """The member of an enumeration that has this name.
 
     Raises:
-        InputError: Another word.
+        InputError: There is no such member.
     """
     try:
         return kind(word)

@@ -1,4 +1,4 @@
-"""What everybody in this room passes on: a solution, a motion, a verdict. Plain data."""
+"""Plain data that all parts of the judge exchange: solutions, motions, verdicts, exit codes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.schemes import Steps
 
-# The simulator of the reference's states, and how their labels begin.
+# The name of the simulator in the reference's states, with which their labels begin.
 REFERENCE = "reference"
-# Called with one line now and then by what takes time.
+# Called with a line of text from time to time by functions that take long.
 Progress: TypeAlias = Callable[[str], None]
 
 
 def in_silence(_line: str) -> None:
-    """Progress that nobody reads."""
+    """Report no progress."""
 
 
 class CandidateFailedError(RuntimeError):
-    """The candidate gave no usable answer; the message says why.
+    """The candidate gave no usable solution; the message says why.
 
     >>> import dataclasses
     >>> import palpate
@@ -55,7 +55,7 @@ class Verdict(StrEnum):
 
 
 class ExitCode(IntEnum):
-    """How a command ends, the same for every verb; a signal ends it with 128 and its number.
+    """How a command ends, the same for every verb; a signal ends it with 128 plus its number.
 
     Each has its `meaning`.
     """
@@ -69,7 +69,7 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 4, "an internal error of palpate: never a verdict"
 
     def __new__(cls, value: int, meaning: str) -> ExitCode:
-        """A code by its number, with one line on what it says."""
+        """Make a code from its number and its meaning in one line."""
         code = int.__new__(cls, value)
         code._value_ = value
         code.meaning = meaning
@@ -77,7 +77,7 @@ class ExitCode(IntEnum):
 
 
 class Method(StrEnum):
-    """How fastsim looks for equilibrium: by Newton's method, or by explicit steps until it rests.
+    """How fastsim finds equilibrium: by Newton's method, or by explicit steps until it rests.
 
     >>> import palpate
     >>> palpate.Method("relaxation")
@@ -102,19 +102,19 @@ class Elements(StrEnum):
 
     @property
     def each(self) -> tuple[Element, ...]:
-        """One after the other."""
+        """The elements one by one."""
         return tuple(Element) if self is Elements.BOTH else (Element(self.value),)
 
 
 class Precision(StrEnum):
-    """In which numbers an answer may have been computed; double, unless somebody grants single."""
+    """The precision that a solution may be computed in; double, unless single is granted."""
 
     SINGLE = "single"
     DOUBLE = "double"
 
 
 def gravest(verdicts: Sequence[Verdict]) -> Verdict:
-    """Failed before inconclusive before passed; nothing but skipped checks is inconclusive."""
+    """The worst: failed before inconclusive before passed; only skipped ones are inconclusive."""
     for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.PASSED):
         if verdict in verdicts:
             return verdict
@@ -137,12 +137,12 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class OwnMesh:
-    """An answer on a mesh of the candidate's own.
+    """A solution on a mesh of the candidate's own.
 
     Attributes:
-        mesh: At rest, points [m].
+        mesh: The mesh at rest, points [m].
         displacements: [m], (num_times, mesh.num_points, 3); one state in statics.
-        sent_stress: Cauchy's stress that it sent of the last of them [Pa], (mesh.num_cells, 3, 3).
+        sent_stress: Cauchy stress that it sent for the last state [Pa], (mesh.num_cells, 3, 3).
     """
 
     mesh: TetMesh
@@ -152,16 +152,16 @@ class OwnMesh:
 
 @dataclass(frozen=True, eq=False)
 class CellStresses:
-    """Means over each cell of a mesh; symmetric, tension positive.
+    """Mean stresses of each cell of a mesh; they are symmetric, and tension is positive.
 
-    A pressure is minus a third of a cell's trace. Smoothed tetrahedra's pressures of nodes may
-    alternate from node to node like a checkerboard: read the cells, not what a viewer makes of
-    them at the nodes.
+    A pressure is minus a third of a cell's trace. In smoothed tetrahedra pressures of nodes may
+    alternate from node to node like a checkerboard: read the cells, not what a viewer computes
+    from them at the nodes.
 
     Attributes:
         second_piola_kirchhoff: S, over the rest cell, in the rest frame [Pa], (num_cells, 3, 3).
-        cauchy: sigma = F S F^T / det F, likewise; S itself under linear strain.
-        first_piola_kirchhoff: P = F S, likewise but not symmetric; of the reference only.
+        cauchy: sigma = F S F^T / det F [Pa], (num_cells, 3, 3); S itself under linear strain.
+        first_piola_kirchhoff: P = F S [Pa], (num_cells, 3, 3), not symmetric; reference only.
 
     >>> import palpate
     >>> problem = palpate.load_case("block").problem
@@ -176,7 +176,7 @@ class CellStresses:
 
     @property
     def von_mises(self) -> Floats:
-        """sqrt(3/2 s : s) of Cauchy's stress [Pa], s its deviator, (num_cells,)."""
+        """Von Mises stress sqrt(3/2 s : s) [Pa], s the deviator of Cauchy stress, (num_cells,)."""
         pressure = np.trace(self.cauchy, axis1=1, axis2=2) / 3.0
         s = self.cauchy - pressure[:, None, None] * np.eye(3)
         stress: Floats = np.sqrt(1.5 * (s * s).sum(axis=(1, 2)))
@@ -185,13 +185,13 @@ class CellStresses:
 
 @dataclass(frozen=True, eq=False)
 class StressIntegrals:
-    """What a quadratic state, or one of a finer mesh, says of stress on the case's mesh.
+    """Stress on the case's mesh from a state that is quadratic or has a finer mesh.
 
     Attributes:
-        cauchy: Mean of Cauchy's stress over each rest cell of the case [Pa], (num_cells, 3, 3).
+        cauchy: Mean Cauchy stress over each rest cell of the case [Pa], (num_cells, 3, 3).
         internal_force: Integral of P grad N over the body [N], (num_points, 3), N the linear shape
             functions of the case's points; sums to zero.
-        strain_energy: Of the quadratic field itself [J]; None where it was not kept.
+        strain_energy: Energy of the quadratic field itself [J]; None where it was not stored.
     """
 
     cauchy: Floats
@@ -204,36 +204,36 @@ class State:
     """One solution of a case, with the quantities that are judged.
 
     Attributes:
-        label: For people: "fastsim", "reference P1", "reference smoothed", "reference P2".
-        simulator: "fastsim", "reference", or the name of another.
+        label: Name for people: "fastsim", "reference P1", "reference smoothed", "reference P2".
+        simulator: "fastsim", "reference", or the name of another simulator.
         strain: Strain measure.
         degree: Degree of the elements.
         displacement: [m], shape (num_points, 3), at the points of the case's mesh.
         volume: Deformed volume [m3].
         surface_area: Deformed area of the boundary [m2].
-        smallest_det_f: Of `displacement` [-].
+        smallest_det_f: Smallest det F of `displacement` [-].
         max_displacement: Largest displacement of a point in `displacement` [m].
-        seconds: Time the solve took; 0 when stored.
-        details: Iterations, residuals: shown to people, never judged.
+        seconds: Time of the solve [s]; 0 where the state was stored.
+        details: Iterations, residuals and the like; they are shown, and never judged.
         trajectory: In dynamic cases, at the case's output times; `displacement` is its last state.
         sent: In dynamic cases of an outside simulator, every state it sent from the start to the
             end, at its own times; where it sent none at the end, the last one is read there.
-        other_reading: Where not all of the output times were sent: the same motion read between
-            the states that were in another way, at the points of the case's mesh; how far apart
-            the two are is what the reading may be off.
-        own: Where the candidate answered on a mesh of its own: that mesh, at the times of `sent`.
+        other_reading: Where not all of the output times were sent, the same motion interpolated in
+            another way between the sent states, at the points of the case's mesh; the distance of
+            the two is the error of the reading.
+        own: Where the candidate solved on a mesh of its own: that mesh, at the times of `sent`.
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
             (num_tools, num_outputs + 1, 3), means from output to output.
-        versions: Of the libraries that solved it, by name.
-        says: What an outside candidate says of itself: its words, never judged.
-        remarks: What was done to the answer to compare it, or how far it holds, a sentence each.
-        element: What its tetrahedra are; of an outside simulator what it says in its result.
-        stresses: Of `displacement`, of each cell: fastsim's answers and the reference's equilibria
-            have them.
-        integrals: Of a reference that its displacement at the points does not tell the stress of.
-        sent_stress: Cauchy's stress that an outside simulator sent [Pa], (num_cells, 3, 3), of
+        versions: Versions of the libraries that solved it, by name.
+        says: What an outside candidate says of itself: its own words, never judged.
+        remarks: What was done to compare the solution, or its limits, a sentence each.
+        element: Its tetrahedra; for an outside simulator as its result states.
+        stresses: Stresses of each cell under `displacement`: fastsim's solutions and the
+            reference's equilibria have them.
+        integrals: Stresses of a reference whose displacement at the points does not give them.
+        sent_stress: Cauchy stress that an outside simulator sent [Pa], (num_cells, 3, 3), for
             `displacement` and the case's cells.
-        steps: Of a motion: scheme and time step, as its simulator states them; None where it does
+        steps: Scheme and time step of a motion, as its simulator states them; None where it does
             not, or where they are the case's own by central differences.
 
     >>> import palpate
@@ -269,23 +269,23 @@ class State:
 
     @property
     def displacements(self) -> NDArray[np.float64]:
-        """At each of the output times [m], (num_times, num_points, 3); once in statics."""
+        """Displacement at each output time [m], (num_times, num_points, 3); one in statics."""
         motion = self.trajectory
         return self.displacement[None] if motion is None else motion.displacements
 
     @property
     def given(self) -> Trajectory | None:
-        """The motion as it was sent, or else at the output times; None in statics."""
+        """The motion as it was sent, or at the output times if it was not; None in statics."""
         return self.sent or self.trajectory
 
     @property
     def fields(self) -> list[NDArray[np.float64]]:
-        """Every displacement in it [m], whichever way it was given."""
+        """Every displacement of the state [m], in whichever way it was given."""
         motions = [motion for motion in (self.trajectory, self.sent) if motion is not None]
         own = [] if self.own is None else [self.own.displacements]
         return [self.displacement, *(motion.displacements for motion in motions), *own]
 
     @property
     def is_reference(self) -> bool:
-        """Whether the reference solved it; no candidate is called so (`candidate_name`)."""
+        """Whether the reference solved it; no candidate has its name (`candidate_name`)."""
         return self.simulator == REFERENCE

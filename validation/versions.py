@@ -16,7 +16,7 @@ def version_of(package: str) -> str:
 
 
 def version_lines() -> list[str]:
-    """palpate, its compiled core, Python, FEniCSx and the extras: a line each, palpate's first."""
+    """Versions of palpate (first), its compiled core, Python, FEniCSx and extras, a line each."""
     from palpate.fastsim import _core
     from palpate.reference import availability
 
@@ -33,7 +33,7 @@ def version_lines() -> list[str]:
 
 
 def extras() -> dict[str, str]:
-    """Each extra that palpate's installed metadata names, with what of it is installed."""
+    """Each extra that palpate's installed metadata names, with the packages installed for it."""
     try:
         wanted = metadata.requires("palpate") or []
     except metadata.PackageNotFoundError:

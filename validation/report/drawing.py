@@ -23,12 +23,12 @@ GREEN, BLUE, RED, GREY, TAN, OCHRE = (
     "#2f8f4e", "#30558f", "#b5332e", "#d9d9d9", "#e3d9d0", "#c98a12",
 )  # fmt: skip
 _EDGES = "#6e6660"
-# A tool may reach beyond the bodies by this part of their size before the frame cuts it.
+# A tool may reach beyond the bodies by this fraction of their size before the frame cuts it.
 BEYOND = 0.3
 _ABOVE = np.array([0.0, 0.0, 0.6])
-# What is turned away from the light keeps this part of its colour.
+# A facet that faces away from the light has this fraction of its colour.
 _SHADE = 0.62
-# Facets above this are drawn as pixels within a vector figure: no reader opens megabytes of them.
+# More facets than this are drawn as pixels in a vector figure, which else takes megabytes.
 _MOST_FACETS = 20_000
 
 
@@ -37,16 +37,16 @@ class Surface:
     """Triangles in one colour, or in those of a number at each point.
 
     Attributes:
-        points: (num_points, 3).
-        facets: (num_facets, 3).
-        colour: Where there are no values.
-        values: By point, shown with a bar of colours; None for one colour.
-        values_name: What they are.
-        largest: Where the bar ends.
-        colours: Name of matplotlib's map.
-        opacity: 0..1.
-        is_wireframe: Edges only, in the colour.
-        is_beside: A tool, which may reach beyond the frame: it widens that by `BEYOND` at most.
+        points: Positions, (num_points, 3).
+        facets: Triangles, (num_facets, 3).
+        colour: The colour where there are no values.
+        values: Value at each point, shown with a colour bar; None for one colour.
+        values_name: Name of the values.
+        largest: Upper end of the colour bar.
+        colours: Name of matplotlib's colour map.
+        opacity: From 0 to 1.
+        is_wireframe: Whether only edges are drawn, in the colour.
+        is_beside: Whether it is a tool: it may leave the frame, and widens it by `BEYOND` at most.
     """
 
     points: Points
@@ -73,14 +73,14 @@ class Marks:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A body as it is seen from one side.
+    """A view of a body from one side.
 
     Attributes:
-        title: Above it.
-        surfaces: What is seen.
-        side: From where one looks.
-        marks: In front of the surfaces.
-        unit: Of the extents that are written beside the body; "" for none.
+        title: The title above it.
+        surfaces: The surfaces that are seen.
+        side: The direction of view.
+        marks: Marks in front of the surfaces.
+        unit: Unit of the extents that are written beside the body; "" for no extents.
         legend: Words and their colours.
     """
 
@@ -93,7 +93,7 @@ class View:
 
     @property
     def reached(self) -> Points:
-        """Every position that is drawn, but those of tools, (n, 3)."""
+        """All positions that are drawn, except those of tools, (n, 3)."""
         heads = [m.points + m.vectors for m in self.marks if m.vectors is not None]
         starts = [m.points for m in self.marks]
         return np.vstack([*(s.points for s in self.surfaces if not s.is_beside), *starts, *heads])
@@ -101,7 +101,7 @@ class View:
 
 @dataclass(frozen=True)
 class _Size:
-    """Of a picture: inches of a view, points of its text, of lines, and pixels to an inch."""
+    """Sizes of a picture: a view [inches], text and lines [points], and pixels per inch."""
 
     wide: float
     high: float
@@ -111,12 +111,12 @@ class _Size:
 
     @property
     def row(self) -> float:
-        """Height of a letter in parts of the picture's."""
+        """Height of a letter as a fraction of the picture's height."""
         return self.font / (72.0 * self.high)
 
 
 def _size_of(form: str, num_views: int) -> _Size:
-    """Of a page's picture, or on paper: one column is 88 mm wide, two are 180."""
+    """Sizes for a page, or for paper: one column is 88 mm wide, two are 180 mm."""
     if form == "png":
         return _Size(6.2, 7.0, 11.0, 1.0, 110)
     wide = 3.46 if num_views == 1 else 7.09 / num_views
@@ -124,7 +124,7 @@ def _size_of(form: str, num_views: int) -> _Size:
 
 
 def extent(views: Sequence[View]) -> tuple[Points, Points]:
-    """Lowest and highest corner of all that is drawn, of tools as far as the frame follows them."""
+    """Lowest and highest corner of all that is drawn; of tools, as far as the frame shows them."""
     reached = np.vstack([view.reached for view in views])
     low, high = reached.min(axis=0), reached.max(axis=0)
     beyond = BEYOND * float((high - low).max())
@@ -139,11 +139,11 @@ def draw(pictures: Mapping[str, Sequence[View]], form: str = "png") -> dict[str,
     """Draw each picture, its views side by side.
 
     Args:
-        pictures: By name.
+        pictures: The views of each picture, by its name.
         form: "png", "pdf" or "svg"; the last two in the width of a paper's columns, text as text.
 
     Returns:
-        The bytes of each picture, the same for the same views.
+        The bytes of each picture; they are the same for the same views.
     """
     made = {}
     for name, views in pictures.items():
@@ -212,7 +212,7 @@ def _draw(axes: Any, view: View, views: Sequence[View], size: _Size) -> None:
 
 
 def _add_bar(axes: Any, part: Surface, size: _Size) -> None:
-    """The colours of a surface's values, below it."""
+    """Add a colour bar of a surface's values below it."""
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, part.largest), part.colours)
     above = axes.get_position()
     left, wide = above.x0 + 0.22 * above.width, 0.56 * above.width
@@ -228,7 +228,7 @@ def _add_bar(axes: Any, part: Surface, size: _Size) -> None:
 
 
 def _zoom(axes: Any, views: Sequence[View]) -> float:
-    """What makes all that is drawn fill the axes: matplotlib's own leaves half of them empty."""
+    """The zoom by which the drawing fills the axes: matplotlib's own leaves half of them empty."""
     points = np.vstack([view.reached for view in views])
     low, high = extent(views)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
@@ -243,8 +243,8 @@ def _zoom(axes: Any, views: Sequence[View]) -> float:
 def _faces(surface: Surface, eye: Floats) -> tuple[Floats, Floats, Floats]:
     """Corners of the facets that are seen, their colours and those of their edges.
 
-    Of what one sees through all facets, of solids those that face the eye; shaded by a light that
-    comes from the eye and from above.
+    A transparent surface shows all facets, a solid one those that face the eye; they are shaded by
+    a light that comes from the eye and from above.
     """
     corners = surface.points[surface.facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -295,13 +295,13 @@ def _add_marks(axes: Any, marks: Marks, line: float) -> None:
 
 
 def joined(parts: Iterable[Indices | None]) -> Indices:
-    """Facets of several parts, (num_facets, 3); None has none."""
+    """Facets of several parts, (num_facets, 3); a part that is None has none."""
     known = [part for part in parts if part is not None]
     return np.vstack([np.zeros((0, 3), dtype=np.int32), *known])
 
 
 def boundary(points: Points, facets: Indices, fixed: Indices, pushed: Indices) -> list[Surface]:
-    """A body's boundary: what is fixed blue, what is pushed red, the rest in the colour of skin."""
+    """A body's boundary: fixed facets are blue, loaded ones red, the rest has a colour of skin."""
     is_fixed, is_pushed = (are_among(facets, part) for part in (fixed, pushed))
     kinds = ((~is_fixed & ~is_pushed, TAN), (is_pushed & ~is_fixed, RED), (is_fixed, BLUE))
     return [Surface(points, facets[rows], colour) for rows, colour in kinds if rows.any()]

@@ -1,4 +1,4 @@
-"""What can be said of a problem before it is solved: cells through it, its error, its cost."""
+"""Estimates for a problem before it is solved: cells through its thickness, and its error."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from palpate.validation.solving import solve
 from palpate.validation.states import CandidateFailedError
 
 _MOST_RAYS = 400
-# A straight line crosses three tetrahedra of a brick cut in six, of whatever proportions, from side
-# to side; and as many equal-sided ones in a height of theirs, in the mean: a mean chord is 4 V / S
-# (Cauchy), a third of the height 3 V / (S / 4).
+# A straight line from side to side of a brick of any proportions, cut in six tetrahedra, crosses
+# three of them; on average it also crosses three equilateral ones in one of their heights: a mean
+# chord is 4 V / S (Cauchy), a third of the height 3 V / (S / 4).
 _CROSSED_IN_A_CELL = 3.0
 
 
 @dataclass(frozen=True)
 class Thickness:
-    """Of rays from the boundary straight inwards: the lower quartile, where the body is thin.
+    """Where the body is thin: lower quartile over rays from the boundary straight inwards.
 
     Attributes:
-        length: From side to side [m].
+        length: Distance from side to side [m].
         num_cells: Layers of cells between the sides [-], a third of the tetrahedra crossed.
-        slenderness: How many times as long as high a cell is there [-], the median: the side of a
-            square on which six of them fill a brick of a layer's height, over that height.
+        slenderness: Median ratio of length to height of the cells there [-]: the side of a square
+            on which six of them fill a brick of a layer's height, over that height.
     """
 
     length: float
@@ -44,13 +44,13 @@ def measure_thickness(
 ) -> Thickness:
     """Follow rays from boundary facets inwards, from cell to cell, to the other side.
 
-    Facets are drawn by their area, so that many small ones do not count for more.
+    Facets are sampled by their area, so that many small ones do not count for more.
 
     Args:
         mesh: The body.
-        fixed: Facets of supports, shape (num_facets, 3): what lies against one does not bend
-            that way, so rays count that begin and end elsewhere, where there are any.
-        seed: Of the draw.
+        fixed: Facets of supports, shape (num_facets, 3): a body does not bend towards a support,
+            so only rays count that begin and end elsewhere, where there are any.
+        seed: Seed of the random sample.
     """
     neighbours = _neighbours(mesh)
     owners = np.argwhere(neighbours < 0)
@@ -98,7 +98,7 @@ def _leave(
     origin: NDArray[Any],
     direction: NDArray[Any],
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Facet by which each ray leaves its cell, and how far from its origin that is [m]."""
+    """The facet by which each ray leaves its cell, and its distance from the origin [m]."""
     corners = mesh.points[mesh.cells[cell][:, CELL_FACETS]]
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     speed = np.einsum("rfi,ri->rf", normals, direction)
@@ -128,13 +128,13 @@ STUDY = "palpate study elements"
 def expected_error(
     num_cells: float, slenderness: float, poissons_ratio: float, element: Element
 ) -> float:
-    """Part of the displacement in bending that is missing [-], 0 to 1.
+    """The fraction of the displacement in bending that is missing [-], 0 to 1.
 
     Args:
-        num_cells: Through the thickness, > 0.
+        num_cells: Number of cells through the thickness, > 0.
         slenderness: Length of a cell, across the thickness, over its height, > 0.
-        poissons_ratio: Below 0.5; of negative ones as of 0.
-        element: Whose tetrahedra.
+        poissons_ratio: Below 0.5; negative ones are taken as 0.
+        element: Linear or smoothed tetrahedra.
     """
     nu, a, n = max(poissons_ratio, 0.0), slenderness, num_cells
     x = 2.0 * nu / (1.0 - 2.0 * nu)
@@ -146,19 +146,19 @@ def expected_error(
 
 
 ORDER = 1.5
-# Cut in eight some three seconds; more cells are not worth the wait.
+# This many cells, cut in eight, take some three seconds; more are not worth the wait.
 MOST_CELLS = 10_000
 
 
 def guess_errors(problem: Problem) -> dict[Element, float] | None:
-    """Part of the displacement that each element misses, relative L2 over the mesh's points [-].
+    """The fraction of the displacement that each element misses, relative L2 over the points [-].
 
     Args:
-        problem: Statics without tools, which linear solves know nothing of.
+        problem: Statics without tools, which a linear solve cannot treat.
 
     Returns:
         None where there is no guess: a motion, a tool, more than `MOST_CELLS` cells, nothing that
-        moves, or no answer with linear strain.
+        moves, or no solution with linear strain.
     """
     mesh = problem.mesh
     if problem.time is not None or problem.tools or mesh.num_cells > MOST_CELLS:
@@ -172,7 +172,7 @@ def guess_errors(problem: Problem) -> dict[Element, float] | None:
         linear = solve(problem, strain=Strain.LINEAR).displacement
     except CandidateFailedError:
         return None
-    # The given points come first.
+    # The points of the given mesh come first.
     fine = fine[: mesh.num_points]
     converged = fine + (fine - coarse) / (2.0**ORDER - 1.0)
     size = l2_norm(mesh, converged)
@@ -183,5 +183,5 @@ def guess_errors(problem: Problem) -> dict[Element, float] | None:
 
 
 def edge_that_would_do(error: float, limit: float) -> float:
-    """Length of edges for an error within the limit, over that of now [-], by the same rate."""
+    """The edge length for an error within the limit, over the present one [-], by one rate."""
     return float((limit / error) ** (1.0 / ORDER))

@@ -1,4 +1,4 @@
-"""The report: one HTML file for each case that opens offline anywhere, verdict first."""
+"""The report: one HTML file for each case, which opens offline and begins with the verdict."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _PACKAGE = "palpate.validation.report"
 
 
 def page_environment() -> Environment:
-    """Templates that escape every text and show what is hidden in it."""
+    """Templates that escape every text and make its hidden characters visible."""
     return Environment(
         loader=PackageLoader(_PACKAGE),
         autoescape=True,
@@ -57,26 +57,26 @@ def page_environment() -> Environment:
 
 
 def template_text(name: str) -> str:
-    """A file of the templates' folder as it is."""
+    """The text of a file in the folder of templates, unchanged."""
     return (resources.files(_PACKAGE) / "templates" / name).read_text(encoding="utf-8")
 
 
 def script_of(*names: str) -> tuple[Markup, Markup]:
-    """Scripts one after another as one, and the words by which a page's policy admits it."""
+    """Scripts joined into one, and the hash by which a page's policy admits it."""
     script = "\n".join(template_text(name) for name in names)
     return Markup(script), policy_hash(script)
 
 
 def policy_hash(text: str) -> Markup:
-    """Of a script or a style, for a Content-Security-Policy."""
+    """The hash of a script or a style for a Content-Security-Policy."""
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
     return Markup("sha256-{}").format(digest)
 
 
 INDEX = "index.html"
-# Cells times steps; its budget costs about fifty times as much, some ten seconds.
+# Most cells times steps of a motion; its budget takes about fifty times as long, some 10 s.
 _CHEAP_MOTION = 2e7
-# Pixels of a picture in the index.
+# Width of a picture in the index [pixels].
 _SMALL = 480
 
 
@@ -86,12 +86,12 @@ def write_report(
     """Write the pages with their pictures and tables into a folder that exists.
 
     One case gives report.html; several give NAME.html each, and index.html that links them. A
-    picture that cannot be drawn is said so in its place; the verdict never depends on it.
+    picture that cannot be drawn is replaced by a message; the verdict never depends on it.
 
     Args:
-        results: Of one case or several.
-        folder: Where they go.
-        figures: In which form each figure is written for a paper too.
+        results: Results of one case or several.
+        folder: Where the pages go.
+        figures: The form in which each figure is also written for a paper.
 
     Returns:
         The page to open first.
@@ -113,7 +113,7 @@ def write_report(
 
 
 def report_environment() -> Environment:
-    """Templates with the words and numbers of a report."""
+    """Templates with the filters for words and numbers of a report."""
     environment = page_environment()
     environment.filters["number"] = _number
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"
@@ -127,7 +127,7 @@ def _write_case(
     index: str,
     figures: FigureForm | None,
 ) -> Path:
-    """One page; its CSP admits the one script of ours, by hash, and nothing from elsewhere."""
+    """Write one page; its policy admits our own script, by hash, and nothing from elsewhere."""
     script, script_hash = script_of("drawing.js", "viewer.js")
     page = environment.get_template("report.html.j2").render(
         r=result,
@@ -143,7 +143,7 @@ def _write_case(
 def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> dict[str, Any]:
     try:
         pictures = draw_pictures(result, folder)
-    except Exception:  # like a plot, a picture must never take the verdict with it
+    except Exception:  # a picture that fails must not lose the verdict
         pictures = {}
     problem = result.problem
     budgets, no_budget = _budgets(result)
@@ -186,7 +186,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
 
 
 def credibility_html(result: CaseResult) -> Markup:
-    """What the report contributes to a credibility file, factor by factor, and what it leaves."""
+    """What the report contributes to a credibility file, factor by factor, and what is left."""
 
     def counted(against: str) -> dict[str, Any]:
         checks = [check for check in result.checks if check.against == against]
@@ -206,7 +206,7 @@ def credibility_html(result: CaseResult) -> Markup:
 
 
 def _small(path: Path) -> str:
-    """A picture in the width of a table's column; "" without one."""
+    """A picture scaled to the width of a table's column; "" without one."""
     if not path.is_file():
         return ""
     pixels = image.imread(path)[:, :, :3]
@@ -219,7 +219,7 @@ def _small(path: Path) -> str:
 
 
 def _other_law(law: Law) -> str:
-    """The law in words where it is not the usual one."""
+    """The name of the law where it is not the usual one."""
     if law.is_linear_in_strain:
         return ""
     words: str = describe_conventions(Strain.GREEN, law)["law"]
@@ -227,7 +227,7 @@ def _other_law(law: Law) -> str:
 
 
 def _drawn(draw: Callable[[CaseResult], str], result: CaseResult) -> Markup:
-    """Our own drawing, whose texts are escaped; a plot must never take the verdict with it."""
+    """A drawing, whose texts are escaped; a plot that fails must not lose the verdict."""
     try:
         return Markup(draw(result))
     except Exception as error:
@@ -235,9 +235,9 @@ def _drawn(draw: Callable[[CaseResult], str], result: CaseResult) -> Markup:
 
 
 def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
-    """Where the candidate's error comes from, or why that cannot be said.
+    """Where the candidates' errors come from, or why that cannot be determined.
 
-    Of a motion by running fastsim with one thing changed at a time, where that is cheap.
+    For a motion fastsim is run with one thing changed at a time, where that is cheap.
     """
     problem, span = result.problem, result.problem.time
     try:
@@ -266,7 +266,7 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
 
 
 def _closest(result: CaseResult) -> str:
-    """The check that uses most of its limit, or the first that did not pass."""
+    """The check that uses the largest fraction of its limit, or the first that did not pass."""
     for check in result.checks:
         if check.verdict is not Verdict.PASSED:
             return f"{check.name}: {check.message}"
@@ -286,7 +286,7 @@ def _data_url(path: Path) -> str:
 
 
 def _number(value: float | None) -> str:
-    """Six digits for sizes, three for small errors, a dash for nothing."""
+    """Format sizes with six digits, small errors with three, and nothing as a dash."""
     if value is None:
         return "–"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:

@@ -1,4 +1,4 @@
-"""What acts on a body, as numbers and as it is drawn: loads, springs and rigid tools."""
+"""Loads, springs and rigid tools of a body, as numbers and as they are drawn."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from palpate.meshes.spring import Spring
 from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
 
 MILLI = 1e3
-# Arrows on a face whose traction varies.
+# The most arrows on a face whose traction varies.
 MOST_ARROWS = 60
 _NO_FACETS = np.zeros((0, 3), dtype=np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class Resultant:
-    """One load on the rest body.
+    """The resultant of one load on the rest body.
 
     Attributes:
-        kind: In a word or two.
+        kind: The kind of load, in a word or two.
         facets: Loaded facets, shape (n, 3); none for weight and for point forces.
-        area: Of them [m2].
-        force: In all [N], shape (3,).
-        center: Where the force acts [m], shape (3,); of a traction that varies, the middle of
-            what it acts on.
-        moment: About the center [N m], shape (3,); 0 but of a traction that varies.
-        spread: Of a traction that varies, its value at the middle of each facet [Pa], (n, 3).
+        area: Area of these facets [m2].
+        force: Total force [N], shape (3,).
+        center: Point where the force acts [m], shape (3,); for a traction that varies, the
+            centre of the loaded face.
+        moment: Moment about the center [N m], shape (3,); 0 unless the traction varies.
+        spread: Value of a traction that varies at the centre of each facet [Pa], (n, 3).
     """
 
     kind: str
@@ -53,7 +53,7 @@ class Resultant:
 
 
 def resultant_of(problem: Problem, load: Load) -> Resultant:
-    """What a load comes to on the rest body, with a factor of 1."""
+    """The resultant of a load on the rest body, with a factor of 1."""
     mesh = problem.mesh
     match load:
         case Traction() | Pressure():
@@ -81,7 +81,7 @@ def _varying(problem: Problem, load: Traction, area: float, center: Points) -> R
     points = problem.mesh.points
     nodal = nodal_force(problem.mesh, load)
     force, moment = nodal.sum(axis=0), np.cross(points - center, nodal).sum(axis=0)
-    # What is left by rounding is not reported.
+    # Rounding residue is not reported.
     size = float(np.ptp(points[np.unique(load.facets)], axis=0).max())
     largest = float(np.abs(nodal).sum())
     force[np.abs(force) < 1e-12 * largest] = 0.0
@@ -92,10 +92,10 @@ def _varying(problem: Problem, load: Traction, area: float, center: Points) -> R
 
 
 def load_arrows(problem: Problem, scale: float) -> Points:
-    """Loads as starts and vectors, (num_arrows, 2, 3), in a unit of so many metres.
+    """Loads as starts and vectors, (num_arrows, 2, 3), in a unit of `scale` metres.
 
-    An arrow for each load, longer for more force, but the smallest is seen too; of a traction that
-    varies, many for the force per area.
+    There is an arrow for each load, longer for more force, but the smallest is seen too; a traction
+    that varies has many, for the force per area.
     """
     points = problem.mesh.points / scale
     reach = float(np.ptp(points, axis=0).max())
@@ -113,7 +113,7 @@ def load_arrows(problem: Problem, scale: float) -> Points:
 
 
 def spring_arrows(springs: Sequence[Spring], points: Points, scale: float) -> Points:
-    """Ways of springs' anchors, or short arrows where they stay, (num_springs, 2, 3)."""
+    """Motions of springs' anchors, or short arrows where they stay, (num_springs, 2, 3)."""
     arrows = np.zeros((len(springs), 2, 3))
     for arrow, spring in zip(arrows, springs, strict=True):
         path = spring.path
@@ -124,7 +124,7 @@ def spring_arrows(springs: Sequence[Spring], points: Points, scale: float) -> Po
 
 
 def arrows_around(problem: Problem, centre: Points) -> Points:
-    """Loads and the ways of springs' anchors [mm] from a centre, (num_arrows, 2, 3)."""
+    """Loads and motions of springs' anchors [mm] from a centre, (num_arrows, 2, 3)."""
     points, scale = problem.mesh.points * MILLI, 1.0 / MILLI
     pairs = [spring_arrows(problem.springs, points, scale), load_arrows(problem, scale)]
     arrows = np.concatenate(pairs)
@@ -133,7 +133,7 @@ def arrows_around(problem: Problem, centre: Points) -> Points:
 
 
 def _spread_arrows(points: Points, load: Resultant, reach: float) -> Points:
-    """Arrows over a face whose traction varies: a push ends on it, a pull begins there."""
+    """Arrows on a face whose traction varies: a push ends on the face, a pull begins there."""
     assert load.spread is not None
     rows = np.arange(0, len(load.facets), -(-len(load.facets) // MOST_ARROWS))
     middles, traction = points[load.facets[rows]].mean(axis=1), load.spread[rows]
@@ -146,7 +146,7 @@ def _spread_arrows(points: Points, load: Resultant, reach: float) -> Points:
 
 
 def _start(points: Points, load: Resultant, center: Points, arrow: Points) -> Points:
-    """Where an arrow begins that is clear of the body: a push ends on it, a pull begins there."""
+    """Start of an arrow outside of the body: a push ends on its surface, a pull begins there."""
     length = float(np.linalg.norm(arrow))
     if length == 0.0:
         return center
@@ -155,7 +155,7 @@ def _start(points: Points, load: Resultant, center: Points, arrow: Points) -> Po
         return center - arrow
     outward = area_vectors(points, load.facets).sum(axis=0)
     is_pull = bool(outward @ arrow > 0.0)
-    # Where the line of the force meets the loaded part, about: what is nearest to the line.
+    # The point of the loaded facets nearest to the line of the force: about where they meet.
     middles = points[load.facets].mean(axis=1) if len(load.facets) else points
     along = (middles - center) @ direction
     beside = np.linalg.norm(middles - center - along[:, None] * direction, axis=1)
@@ -175,12 +175,12 @@ _BOX_FACETS = np.array(
 
 
 def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tuple[Points, Indices]:
-    """A tool as it is drawn.
+    """The surface by which a tool is drawn.
 
     Args:
-        tool: Of any shape.
+        tool: A tool of any shape.
         size: Side of the flat box that a plane is drawn as [m].
-        fineness: Edges of spheres and capsules, in parts of the radius.
+        fineness: Edge length of spheres and capsules, as a fraction of the radius.
 
     Returns:
         Points in the tool's frame [m], (n, 3), and triangles, (m, 3).
@@ -211,13 +211,13 @@ def tools_around(
     A tool that a force drives is left out: its position is part of the result, and not stored.
 
     Args:
-        problem: With the tools.
-        centre: Of the view [mm], (3,).
+        problem: The problem with the tools.
+        centre: Centre of the view [mm], (3,).
         times: Stored times of a motion [s]; None for a state at rest, at the end of the path.
 
     Returns:
-        Points in the tool's frame (n, 3), facets (m, 3), and of each time the rotation matrix's
-        nine numbers row by row and the position (num_times, 12).
+        Points in the tool's frame (n, 3), facets (m, 3), and for each time the nine numbers of the
+        rotation matrix row by row and the position (num_times, 12).
     """
     size = float(np.ptp(problem.mesh.points, axis=0).max())
     found = []

@@ -1,4 +1,4 @@
-"""A report as PDF, printed by a Chromium that is already on the machine."""
+"""Prints a report as PDF, by a Chromium that is installed on the machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TIME_LIMIT = 180.0
 
 
 def find_browser() -> str | None:
-    """Path of a Chromium; PALPATE_BROWSER names another than those usually found."""
+    """Path of a Chromium, or None; PALPATE_BROWSER names one that is not among the usual."""
     chosen = os.environ.get("PALPATE_BROWSER")
     names = (chosen,) if chosen else _BROWSERS
     return next((path for path in map(shutil.which, names) if path), None)
@@ -26,7 +26,7 @@ def require_browser() -> str:
     """Path of a Chromium.
 
     Raises:
-        InputError: There is none.
+        InputError: No Chromium was found.
     """
     browser = find_browser()
     if browser is None:
@@ -38,10 +38,10 @@ def require_browser() -> str:
 
 
 def print_pdf(page: Path) -> Path:
-    """Print a page beside itself, whole or not at all.
+    """Print a page as PDF beside it, whole or not at all.
 
     Raises:
-        InputError: No browser, or it made no PDF.
+        InputError: There is no browser, or it made no PDF.
     """
     browser = require_browser()
     target = page.with_suffix(".pdf")

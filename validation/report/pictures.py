@@ -43,22 +43,22 @@ from palpate.validation.report.loads_and_tools import (
     tool_surface,
 )
 
-# Lines of a path that is drawn.
+# Number of straight lines by which a path is drawn.
 _POSES = 60
 _SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
-# Of what one sees through.
+# Opacity of surfaces that one sees through.
 _PALE = 0.35
 
 
 def draw_case(case: Case, path: Path) -> None:
-    """Write a case's picture as .png; a file of that name is replaced."""
+    """Write a picture of a case as .png; an existing file is replaced."""
     picture = draw({"case": _case_views(case)})["case"]
     with atomic_path(path) as temporary:
         temporary.write_bytes(picture)
 
 
 def _case_views(case: Case) -> list[View]:
-    """The case from two sides, in its length unit."""
+    """Views of the case from two sides, in its unit of length."""
     problem, unit = case.problem, case.spec.units.length
     scale = LENGTH[unit]
     points = problem.mesh.points / scale
@@ -100,7 +100,7 @@ def _case_views(case: Case) -> list[View]:
 
 
 def _boundary(problem: Problem, points: Points) -> list[Surface]:
-    """The body at rest, what is fixed and what is pushed in colours of their own."""
+    """The body at rest, with fixed and loaded facets in their own colours."""
     fixed = joined([support.facets for support in problem.supports])
     pushed = joined([getattr(by, "facets", None) for by in (*problem.springs, *problem.loads)])
     return boundary(points, problem.mesh.boundary_facets, fixed, pushed)
@@ -111,13 +111,13 @@ def _arrows(pairs: Points) -> list[Marks]:
 
 
 def _points_of_supports(problem: Problem, points: Points) -> list[Marks]:
-    """Supports without facets."""
+    """Points of supports that have no facets."""
     single = [support.points for support in problem.supports if not len(support.facets)]
     return [Marks(points[np.concatenate(single)], BLUE)] if single else []
 
 
 def _ways_of_supports(problem: Problem, points: Points, scale: float) -> list[Marks]:
-    """Normals of what slides, and axes of what turns."""
+    """Normals of supports that slide, and axes of supports that turn."""
     reach = float(np.ptp(points, axis=0).max())
     found = []
     for support in problem.supports:
@@ -134,7 +134,7 @@ def _ways_of_supports(problem: Problem, points: Points, scale: float) -> list[Ma
 
 
 def _velocities(problem: Problem, points: Points) -> Marks:
-    """The initial velocity at some points of the boundary, the fastest as long as a fifth."""
+    """The initial velocity at some boundary points; the fastest arrow is a fifth of the body."""
     assert problem.initial_velocity is not None
     outer = np.unique(problem.mesh.boundary_facets)
     rows = outer[:: -(-len(outer) // MOST_ARROWS)]
@@ -147,7 +147,7 @@ def _velocities(problem: Problem, points: Points) -> Marks:
 def _tools(
     problem: Problem, scale: float, *, at_end: bool, opacity: float = _PALE, driven: bool = True
 ) -> list[Surface]:
-    """Tools where their paths start or end, in a unit of so many metres."""
+    """Tools at the start or end of their paths, in a unit of `scale` metres."""
     size = float(np.ptp(problem.mesh.points, axis=0).max())
     found = []
     for tool in problem.tools:
@@ -161,12 +161,12 @@ def _tools(
 
 
 def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[str, Path]:
-    """Draw the states and the errors of a case, seen as the page's 3-D view begins.
+    """Draw the states and the errors of a case, from the first direction of the 3-D view.
 
     Args:
-        result: With the states.
-        folder: Where they go, that exists.
-        form: As of `drawing.draw`.
+        result: The judged case with its states.
+        folder: An existing folder for the pictures.
+        form: See `drawing.draw`.
 
     Returns:
         Path of each picture, by name ("states", "errors").
@@ -179,9 +179,9 @@ def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[s
 
 
 def result_views(result: CaseResult) -> dict[str, list[View]]:
-    """The boundary, its states and their errors, in millimetres.
+    """Views of the boundary, its states and their errors, in millimetres.
 
-    Of one candidate both strain measures; of several Green strain, beside the best reference.
+    One candidate has both strain measures; several have Green strain and the best reference.
     """
     problem, states = result.problem, result.states
     points, facets = problem.mesh.points * MILLI, problem.mesh.boundary_facets
@@ -226,7 +226,7 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
     for pairs in _best(green):
         compared = [(states[one], states[other]) for one, other in pairs.pairs]
         wrong = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in compared]
-        # Those that are compared alike are on one scale.
+        # Errors that are compared with the same kind of reference have one scale.
         top = MILLI * error_top(result, max(float(length.max()) for length in wrong))
         for (one, other), length in zip(compared, wrong, strict=True):
             moved = points + one.displacement * MILLI

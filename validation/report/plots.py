@@ -1,4 +1,4 @@
-"""How every plot looks, and lines over axes: the one way in which studies plot numbers."""
+"""The style of every plot, and figures of lines, by which studies plot numbers."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ mpl.use("Agg")
 
 @dataclass(frozen=True)
 class Medium:
-    """Where a figure is read.
+    """The medium of a figure.
 
     Attributes:
-        width: Of the figure [inches].
+        width: Width of the figure [inches].
         font: Size of its text [points].
     """
 
@@ -39,7 +39,7 @@ class Medium:
 
     @property
     def row(self) -> float:
-        """Of its lines, against the page's."""
+        """Height of its lines of text, relative to the page's."""
         return self.font / PAGE.font
 
 
@@ -51,12 +51,12 @@ COLUMN = Medium(3.46, 7.0)
 
 
 def plot_style(medium: Medium = PAGE) -> AbstractContextManager[None]:
-    """Figures whose text stays text, its font embedded in a PDF."""
+    """A style in which text stays text, with its font embedded in a PDF."""
     return mpl.rc_context(
         {
             "font.size": medium.font,
             "svg.fonttype": "none",
-            "svg.hashsalt": "palpate",  # the same names within it for the same figure
+            "svg.hashsalt": "palpate",  # the same figure gets the same identifiers
             "pdf.fonttype": 42,
             "font.family": "sans-serif",
         }
@@ -64,7 +64,7 @@ def plot_style(medium: Medium = PAGE) -> AbstractContextManager[None]:
 
 
 def tidy(axes: mpl.axes.Axes) -> None:
-    """A light grid, and lines on two sides only."""
+    """Draw a light grid, and axis lines on two sides only."""
     axes.grid(color="#dddddd", lw=0.6)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
@@ -74,8 +74,8 @@ def figure_svg(figure: mpl.figure.Figure, title: str = "") -> str:
     """A figure as an <svg> element without date or XML header; the figure is closed.
 
     Args:
-        figure: To be drawn.
-        title: For readers who hear the page; without one its words are read one after another.
+        figure: The figure to draw.
+        title: For screen readers; without a title they read the words of the figure one by one.
     """
     text = io.StringIO()
     figure.savefig(
@@ -89,7 +89,7 @@ def figure_svg(figure: mpl.figure.Figure, title: str = "") -> str:
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawing of ours, as an <svg> element, and what it shows."""
+    """A drawing as an <svg> element, and a caption."""
 
     svg: str
     caption: str
@@ -97,16 +97,16 @@ class Figure:
 
 @dataclass(frozen=True)
 class Line:
-    """Numbers over numbers.
+    """A line through points (x, y).
 
     Attributes:
-        x: Places.
-        y: Numbers there, as many.
-        label: For the legend, where there is one.
-        style: Of the line and its marks, as matplotlib writes it.
-        colour: None takes the next one.
-        width: Of the line [points].
-        alpha: 0 is clear.
+        x: Values of x.
+        y: Values of y, as many.
+        label: The entry in the legend; without one there is no entry.
+        style: Style of the line and its markers, as matplotlib writes it.
+        colour: The colour; None takes the next one.
+        width: Width of the line [points].
+        alpha: Opacity; 0 is transparent.
     """
 
     x: Sequence[float] | Points
@@ -123,19 +123,19 @@ class Panel:
     """Lines in one pair of axes.
 
     Attributes:
-        lines: Drawn in this order.
-        x: Words below.
-        y: Words beside.
-        title: Words above.
+        lines: Lines, drawn in this order.
+        x: Label of the x axis.
+        y: Label of the y axis.
+        title: Title above the axes.
         log: Which axes are logarithmic: "", "x", "y" or "xy".
         levels: Values of y that are marked by dotted lines.
-        places: Values of x, likewise, each with what is written along its line.
-        band: From where to where on y is grey.
-        notes: Words at (x, y).
-        ticks: Words at places along x.
-        y_ticks: Words at places along y.
-        x_range: Lower and upper end; None as the lines need it.
-        y_range: Likewise.
+        places: Values of x that are marked by dotted lines, each with the text along its line.
+        band: Lower and upper end of a grey band on y.
+        notes: Texts at (x, y).
+        ticks: Texts at values of x.
+        y_ticks: Texts at values of y.
+        x_range: Lower and upper end of x; None takes what the lines need.
+        y_range: Lower and upper end of y; None takes what the lines need.
     """
 
     lines: Sequence[Line]
@@ -163,10 +163,10 @@ def line_figure(
     """Panels beside and above each other.
 
     Args:
-        rows: Panels, as many in each row.
+        rows: Panels row by row, as many in each row.
         caption: What the figure shows.
-        shares_legend: One legend below them all, or one in each that has labels.
-        pdf: Where the same figure goes as PDF.
+        shares_legend: Whether one legend stands below all, or one in each panel that has labels.
+        pdf: Path of the same figure as PDF.
     """
     width = {1: 6.4, 2: 9.6, 3: 11.0}.get(len(rows[0]), 12.0)
     height = min(4.2, 1.1 * width / len(rows[0])) * len(rows) + 0.3 * shares_legend

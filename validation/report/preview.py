@@ -1,4 +1,4 @@
-"""A case in lines for people, and what looks wrong in it."""
+"""Describes a case in lines of text, and warns of what looks wrong in it."""
 
 from __future__ import annotations
 
@@ -35,37 +35,37 @@ from palpate.validation.states import CandidateFailedError, State
 _SMALL_ANGLE = 5.0
 _NEAR_INCOMPRESSIBLE = 0.45
 _LARGE_PART = 0.05
-# Missing in bending, above which it is a warning: smoothed tetrahedra are there to be accurate;
-# linear ones are known to be stiff, and a third is more than that.
+# The missing fraction in bending above which a warning is given: smoothed tetrahedra are meant to
+# be accurate; linear ones are known to be stiff, and a third is more than that.
 _TOO_STIFF = {Element.SMOOTHED: 0.05, Element.LINEAR: 1.0 / 3.0}
-# Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
+# Usual longest sides of bodies [m]; outside this range the unit is probably another one.
 _USUAL_SIZES = (5e-3, 2.0)
-# A Newton solve in linear ones: 3 to 12 on the built-in kidney, beam and block.
+# A Newton solve, counted in linear solves: 3 to 12 on the built-in kidney, beam and block.
 _NEWTON = 8.0
 # Seconds of the reference at 20 000 unknowns; 9 s (kidney) and 40 s (beam) were measured there.
 _REFERENCE_SECONDS, _REFERENCE_UNKNOWNS, _REFERENCE_POWER = 20.0, 20_000, 1.2
 _REFERENCE_START = 1.0
-# Bytes of a block of 3 x 3 with its index, in the matrix and again in what is made of it.
+# Bytes of a 3 x 3 block with its index, in the matrix and in what is computed from it.
 _FAST_BLOCK, _REFERENCE_BLOCK = 2 * 76, 4 * 108
 _BASE_BYTES = 100e6
-# Nodes that share a cell with one, of quadratic tetrahedra.
+# Number of nodes that share a cell with a node, in quadratic tetrahedra.
 _QUADRATIC_NEIGHBOURS = 28
 
 
 @dataclass(eq=False)
 class Look:
-    """What was seen: `lines` to read, `warnings` to think about."""
+    """The findings on a case: `lines` describe it, `warnings` say what looks wrong."""
 
     lines: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def say(self, what: str, text: str) -> None:
-        """A line under a heading of a word or two."""
+        """Add a line under a heading of a word or two."""
         self.lines.append(f"{what:<10} {text}")
 
 
 def look_at(case: Case) -> Look:
-    """Read and mesh a case, and say what it will be.
+    """Read and mesh a case, and describe it before it is solved.
 
     Raises:
         InputError: The case cannot be used.
@@ -214,7 +214,7 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
 
 
 def _costs(look: Look, problem: Problem, units: Units) -> None:
-    """What solving will take: measured where that is quick, and guessed where not."""
+    """Report what solving will take: measured where that is quick, and guessed elsewhere."""
     mesh, span, body = problem.mesh, problem.time, Body.of(problem)
     springs = PatchSprings(mesh.points, problem.springs) if problem.springs else None
     critical = damped_time_step(
@@ -280,7 +280,7 @@ def _costs(look: Look, problem: Problem, units: Units) -> None:
 
 
 def _misses(look: Look, case: Case, problem: Problem) -> None:
-    """What the mesh will miss however it is loaded, beside what the case asks for."""
+    """Report what the mesh will miss under any load, beside what the case asks for."""
     errors = guess_errors(problem)
     if errors is None:
         why = "in motion" if problem.time is not None else "under a tool" if problem.tools else ""
@@ -325,7 +325,7 @@ def _seconds(value: float) -> str:
 
 
 def _seconds_of_force(body: Body) -> float:
-    """Of the internal forces, which are most of a step; the best of three."""
+    """Time of the internal forces, which are most of a step [s]; the best of three."""
     rest = np.zeros_like(body.mesh.points)
     best = math.inf
     for _ in range(3):

@@ -1,6 +1,6 @@
 """A solution as a grid of pyvista, to look at, cut and measure in a notebook.
 
-The pages and figures of a report are drawn without pyvista; this is for whoever has it.
+The pages and figures of a report are drawn without pyvista.
 """
 
 from __future__ import annotations

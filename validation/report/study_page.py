@@ -1,4 +1,4 @@
-"""What a study shows, and its page: HTML that opens offline anywhere, what was found first."""
+"""The results of a study and their page: HTML that opens offline and begins with findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.validation.states import ExitCode, Verdict, gravest
 
 @dataclass(frozen=True)
 class Finding:
-    """One claim that was put to the test: what was expected, what was found."""
+    """A claim that was tested: what was expected, and what was found."""
 
     claim: str
     found: str
@@ -29,7 +29,7 @@ class Finding:
 
 
 def judged(claim: str, found: str, is_true: bool) -> Finding:
-    """A claim that is either true or false."""
+    """A finding on a claim that is either true or false."""
     return Finding(claim, found, Verdict.PASSED if is_true else Verdict.FAILED)
 
 
@@ -38,10 +38,10 @@ class Table:
     """Rows of numbers and words, from which the page, the CSV and the JSON are made.
 
     Attributes:
-        title: Its heading.
-        columns: Headings, each with the format of its numbers on the page; "" of words.
-        rows: A cell for each column; None where there is nothing, a dash on the page.
-        is_shown: Whether it is on the page, or for the files alone.
+        title: The heading of the table.
+        columns: Headings, each with the format of its numbers on the page; "" for words.
+        rows: Rows with a cell for each column; None is shown as a dash on the page.
+        is_shown: Whether the table is on the page, or only in the files.
     """
 
     title: str
@@ -56,7 +56,7 @@ class Table:
 
     @property
     def texts(self) -> list[list[str]]:
-        """Cells as the page shows them."""
+        """The cells as text, as the page shows them."""
         return [
             [_text(cell, form) for cell, form in zip(row, self.columns.values(), strict=True)]
             for row in self.rows
@@ -64,12 +64,12 @@ class Table:
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """Rows by heading."""
+        """The rows, each as a record by heading."""
         return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
 
     @property
     def csv(self) -> str:
-        """Numbers to ten digits, nothing where there is nothing."""
+        """The table as CSV, with numbers to ten digits and None as an empty cell."""
         cells = ([f"{c:.10g}" if isinstance(c, float) else c for c in row] for row in self.rows)
         return csv_text(list(self.columns), cells)
 
@@ -77,19 +77,19 @@ class Table:
 def _text(cell: Any, form: str) -> str:
     if cell is None:
         return "-"
-    # Plus nothing: there is no minus zero on a page.
+    # Adding 0.0 turns minus zero into zero.
     return cell if isinstance(cell, str) else format(cell + 0, form)
 
 
 @dataclass(frozen=True)
 class Page:
-    """Figures and tables by file name without its end; remarks go below the text.
+    """Figures and tables by file name without suffix; remarks go below the text.
 
     Attributes:
-        figures: NAME.svg.
-        tables: NAME.csv.
-        remarks: Paragraphs that depend on what was computed.
-        numbers: What else belongs into results.json.
+        figures: Figures, which become NAME.svg.
+        tables: Tables, which become NAME.csv.
+        remarks: Paragraphs that depend on the results.
+        numbers: Further numbers for results.json.
         case: A judged case, whose own report is the page.
     """
 
@@ -101,7 +101,7 @@ class Page:
 
 
 def study_page(title: str, about: Sequence[str], findings: Sequence[Finding], page: Page) -> str:
-    """The page as HTML; everything but the drawings is escaped."""
+    """The page as HTML; everything except the drawings is escaped."""
     return (
         page_environment()
         .get_template("study.html.j2")
@@ -129,16 +129,16 @@ def leave(
     """Write report.html, NAME.svg and NAME.csv for each figure and table, and results.json.
 
     Args:
-        folder: That exists.
+        folder: An existing folder.
         console: Where the findings are printed.
-        name: Of the study.
-        title: Of the page.
+        name: Name of the study.
+        title: Title of the page.
         about: Paragraphs below the findings.
-        findings: Claims put to the test, one at least.
-        page: What is shown.
+        findings: Findings on the claims that were tested, at least one.
+        page: Figures, tables and remarks.
 
     Returns:
-        By the gravest verdict: passed, failed or inconclusive.
+        The exit code of the gravest verdict: passed, failed or inconclusive.
     """
     for stem, table in page.tables.items():
         (folder / f"{stem}.csv").write_text(table.csv, encoding="utf-8")

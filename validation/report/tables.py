@@ -1,4 +1,4 @@
-"""Tables of a report: Table I of the paper, checks, solutions, provenance; for page and CSV."""
+"""Tables of a report, for page and CSV: Table I of the paper, checks, solutions, provenance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MM3, MM2 = 1e9, 1e6
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity in one state: a value and its change against the original, per column."""
+    """One quantity in one state: its value and its change against the original, by column."""
 
     quantity: str
     state: str
@@ -36,7 +36,7 @@ class StateTable:
 
 
 def state_table(result: CaseResult) -> StateTable:
-    """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
+    """Columns: the paper, if the case has its numbers, then every simulator; in mm3 and mm2."""
     references = [s for s in result.states if s.is_reference]
     references.sort(key=lambda s: (s.degree, s.label), reverse=True)
     labels = list(dict.fromkeys(s.label for s in references))
@@ -110,8 +110,8 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
 
     Args:
         result: A judged case.
-        folder: That exists.
-        budgets: Of the candidates' errors, where they are known.
+        folder: An existing folder.
+        budgets: Error budgets of the candidates, where they are known.
 
     Returns:
         The files.
@@ -138,7 +138,7 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
 
 
 def _cell(value: object) -> object:
-    """Numbers to ten digits; words of a kind as they are."""
+    """Format numbers to ten digits, and leave other values as they are."""
     if value is None:
         return ""
     return (
@@ -146,15 +146,15 @@ def _cell(value: object) -> object:
     )
 
 
-# As a record names them, in this order.
+# The keys of a record, in this order.
 _OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file", "case_key")
 
 
 def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Versions, machine, command, hashes, mesh and reference: a name and its value each.
+    """Versions, machine, command, hashes, mesh and reference, each as a name and a value.
 
-    Whatever of a record is missing is left out; what is long (iterates, parts of bars, changes
-    since the reference before) is in the whole record only.
+    Entries that a record lacks are left out; long ones (iterates, parts of bars, changes since the
+    previous reference) are in the whole record only.
     """
     rows = [(name.replace("_", " "), str(record[name])) for name in _OWN if name in record]
     mesh: Mapping[str, Any] = record.get("mesh") or {}
@@ -182,7 +182,7 @@ def _short(value: Any) -> str:
 
 
 def record_text(record: Mapping[str, Any]) -> str:
-    """As JSON, a list of numbers on one line."""
+    """The record as JSON, with each list of numbers on one line."""
     text = json.dumps(dict(record), indent=2, allow_nan=False)
     numbers = r"\[\s+((?:-?[\d.]+(?:e[-+]?\d+)?|null)(?:,\s+(?:-?[\d.]+(?:e[-+]?\d+)?|null))*)\s+\]"
     return re.sub(numbers, lambda found: f"[{' '.join(found[1].split())}]", text)

@@ -14,13 +14,13 @@ from palpate.validation.judging.results import CaseResult, CheckResult, Judged, 
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.states import Verdict
 
-# Rows of the scale, the worst first; nobody takes in more at a glance.
+# Most rows of the scale, the worst first; nobody takes in more at a glance.
 _MOST_ROWS = 6
-# The scale ends here [limits]; beyond it an arrow and the number.
+# Upper end of the scale [limits]; beyond it stand an arrow and the number.
 _END = 2.0
-# A bar above this part of the limit is worth a word.
+# A bar above this fraction of the limit is mentioned.
 _WIDE = 0.25
-# Words for the first screen; the tables below it have the metrics' names.
+# Names of quantities on the first screen; the tables below it use the metrics' names.
 _QUANTITIES = {
     "displacement_l2": "displacement",
     "displacement_max": "displacement at the worst point",
@@ -31,13 +31,13 @@ _QUANTITIES = {
     "traction_resultant": "force through a cut",
 }
 _FIRST = ("displacement_l2", "trajectory_l2")
-# Where nothing was compared with the truth, this stands in the place of "passed".
+# Where nothing was compared with the truth, this replaces "passed".
 _NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One distance on the scale; places in per cent of its width."""
+    """One distance on the scale; positions are in per cent of its width."""
 
     name: str
     css: str
@@ -55,14 +55,14 @@ class Trust:
 
     Attributes:
         css: Class of the verdict's colour, see `CaseResult.tone`.
-        word: The verdict; of what passed without a truth how far it reaches.
-        answer: One sentence.
-        failures: What did not pass, grouped, a sentence each.
+        word: The verdict; if it passed without a truth, what it was judged against.
+        answer: Whether the simulator can be trusted, in one sentence.
+        failures: The checks that did not pass, grouped, with a sentence each.
         scale: Distances from the truth beside what the use needs, the worst first.
         context: Context of use, as the case states it.
-        needed: Why that is needed, as the case says; of displacement where that is asked for.
-        caveat: The largest.
-        explanation: The most probable one of what failed.
+        needed: The case's reason for its limit, that on displacement if there is one.
+        caveat: The gravest caveat.
+        explanation: The most probable explanation of a failure.
     """
 
     css: str
@@ -77,7 +77,7 @@ class Trust:
 
 
 def trust_of(result: CaseResult) -> Trust:
-    """Sum up a judged case."""
+    """Summarise a judged case."""
     far = _from_truth(result.checks)
     several = len(result.candidates) > 1
     return Trust(
@@ -102,7 +102,7 @@ def _from_truth(checks: Sequence[CheckResult]) -> list[CheckResult]:
 
 
 def _used(check: CheckResult) -> float:
-    """Error and bar in parts of the limit."""
+    """Error and bar as a fraction of the limit."""
     used = ((check.value or 0.0) + check.reference_error) / check.limit
     return used if math.isfinite(used) else math.inf
 
@@ -138,12 +138,12 @@ def _distance(check: CheckResult) -> str:
 
 
 def _quantity(check: CheckResult) -> str:
-    """What a check is about, in words."""
+    """The quantity of a check, in words."""
     return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
 
 
 def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
-    """Of a row: the quantity, and whatever else tells the rows apart."""
+    """The name of a row: the quantity, and whatever else distinguishes the rows."""
     words = [_quantity(check)]
     if len({c.strain for c in far}) > 1:
         words.append(f"{check.strain} strain")
@@ -153,7 +153,7 @@ def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
 
 
 def _explanation(result: CaseResult) -> str:
-    """The most probable one, short; the diagnosis below has the whole."""
+    """The most probable explanation in short; the diagnosis below states all of it."""
     found = [diagnosis for diagnosis in result.diagnoses if diagnosis.explanations]
     slips = [d.explanations for d in found if d.explanations[0].complexity > 0]
     if slips:
@@ -177,7 +177,7 @@ def _limit(check: CheckResult) -> str:
 
 
 def _left(result: CaseResult, judged: Judged) -> list[CheckResult]:
-    """Checks of one candidate that did not pass."""
+    """The checks of one candidate that did not pass."""
     bad = (Verdict.FAILED, Verdict.INCONCLUSIVE)
     return [c for c in result.checks if c.verdict in bad and c.element is judged.element]
 
@@ -195,7 +195,7 @@ def _group(result: CaseResult, judged: Judged) -> str:
 
 
 def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
-    """What a reader must know most, by gravity."""
+    """The gravest caveat that a reader must know."""
     if result.scope is Scope.SAME_MESH:
         return f"How far this mesh is from the continuum was not asked{_unasked(result)}."
     if result.scope is Scope.OWN:
@@ -216,7 +216,7 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
 
 
 def _unasked(result: CaseResult) -> str:
-    """How far it is, where a truth is at hand though no check asks for it."""
+    """The distance from a truth that is at hand, though no check asks for it."""
     names = [
         error_name("truth", Strain.GREEN, j.element, "displacement_l2") for j in result.candidates
     ]
@@ -248,13 +248,13 @@ def _row(check: CheckResult, name: str) -> Row:
 
 
 _MILLI = 1e3
-# Less than this of the largest displacement is no error that a reader can place.
+# An error below this fraction of the largest displacement is not located.
 _LEAST = 1e-6
-# Points that move less than this part of the largest tell nothing of a relative error.
+# Points that move less than this fraction of the largest show no relative error.
 _MOVES = 0.2
-# Of the relative errors at points: the middle eight tenths; within this factor they are one number.
+# The middle eight tenths of relative errors count as one number if within this factor.
 _LOW, _HIGH, _EVEN = 0.1, 0.9, 1.5
-# "At" a part of the body: within this part of its size.
+# A point is "at" a part of the body within this fraction of its size.
 _NEAR = 0.08
 _MOST = 0.9
 
@@ -262,11 +262,11 @@ _MOST = 0.9
 def where_wrong(result: CaseResult, judged: Judged) -> str:
     """As "wrong everywhere by about 18 %, most where the body moves most, at (20, 1, 90) mm".
 
-    Of Green strain against the truth, else against the same mesh; of a motion the largest of all
-    stored times at each point.
+    The error is that of Green strain against the truth, or else against the same mesh; for a motion
+    it is the largest over all stored times at each point.
 
     Returns:
-        "" where there is nothing to hold it against, or no error worth placing.
+        The sentence; "" where there is nothing to compare with, or no error worth locating.
     """
     for shown in comparisons_of(result):
         for one, other in shown.pairs:
@@ -312,7 +312,7 @@ def _place(result: CaseResult, point: int, moved: Floats) -> str:
 
 
 def _is_near(result: CaseResult, point: int, parts: list[Indices]) -> bool:
-    """Whether a point lies within a little of the points of some part."""
+    """Whether a point lies close to the points of one of the parts."""
     points = result.problem.mesh.points
     rows = np.unique(np.concatenate([part.ravel() for part in parts])) if parts else []
     if not len(rows):

@@ -1,7 +1,7 @@
-"""What the page's 3-D view draws: the boundary and its motions, packed small, with tools and loads.
+"""The scene of the 3-D view: boundary, motions, tools and loads, in compact form.
 
-Displacements are rounded to 1/32767 of the largest component: enough for a picture, never for a
-number. Errors are computed before that, in full precision.
+Displacements are rounded to 1/32767 of the largest component, which is enough for a picture, but
+not for a number. Errors are computed before that, in full precision.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _COLOURS = 32
 
 
 def viewer_json(result: CaseResult) -> str:
-    """The scene of a case as JSON that is safe inside a <script> element; lengths in mm."""
+    """The scene of a case, lengths in mm, as JSON that is safe inside a <script> element."""
     mesh = result.problem.mesh
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
     points = mesh.points[used] * MILLI
@@ -57,7 +57,7 @@ def viewer_json(result: CaseResult) -> str:
 
 
 def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
-    """One motion: whole numbers times `step` millimetres, time after time."""
+    """One motion at all its times, as whole numbers times `step` millimetres."""
     displacement = state.displacements[:, used] * MILLI
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
@@ -71,7 +71,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
 
 
 def _offered(result: CaseResult) -> list[dict[str, Any]]:
-    """What the list offers, each with its views: states and errors, on one scale each.
+    """The entries of the list with their views: states and errors, each on one scale.
 
     Errors come first, then the original, candidates and references, so that of two candidates each
     stands below its own error.
@@ -98,7 +98,7 @@ def _offered(result: CaseResult) -> list[dict[str, Any]]:
 
 
 def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
-    """Length of the error of every compared pair, look by shown."""
+    """Length of the error of every compared pair, comparison by comparison."""
     errors = []
     for number, other in (pair for shown in comparisons_of(result) for pair in shown.pairs):
         candidate, reference = result.states[number], result.states[other]
@@ -126,7 +126,7 @@ def _name(state: State) -> str:
 
 
 def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:
-    """1 where a point is held, -1 where it is pushed, 0 elsewhere."""
+    """1 where a point is fixed, -1 where it is loaded, 0 elsewhere."""
     marks = np.zeros(result.problem.mesh.num_points, dtype=np.int8)
     for load in result.problem.loads:
         for part in ("facets", "points"):
@@ -140,12 +140,12 @@ def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:
 
 
 def colour_table() -> list[list[float]]:
-    """From least to most, red, green and blue from 0 to 1."""
+    """Colours from least to most: red, green and blue from 0 to 1."""
     table = mpl.colormaps["viridis"](np.linspace(0.0, 1.0, _COLOURS))[:, :3]
     return [[round(float(c), 4) for c in row] for row in table]
 
 
 def packed(array: NDArray[Any], kind: type[np.generic]) -> str:
-    """Little-endian bytes in base64, for a page."""
+    """The array as little-endian bytes in base64, for a page."""
     data = np.ascontiguousarray(array, dtype=np.dtype(kind).newbyteorder("<")).tobytes()
     return base64.b64encode(data).decode("ascii")
