@@ -1,4 +1,4 @@
-"""Loads and supports that change in time: a factor over time for each."""
+"""Amplitudes: factors over time on loads and on the displacements of supports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
 def smooth_ramp(duration: float) -> Amplitude:
     """A factor that rises from 0 to 1 over `duration` [s] without a jump of its first two rates.
 
-    10 s^3 - 15 s^4 + 6 s^5 with s = t / duration: what is pushed this way hardly rings.
+    10 s^3 - 15 s^4 + 6 s^5 with s = t / duration: such a load hardly excites vibrations.
 
     Raises:
         InputError: A duration that is not above 0.
@@ -40,8 +40,8 @@ class Histories:
 
     Args:
         problem: Its loads and supports are counted.
-        loads: One amplitude for all loads, or one for each (None is 1); None takes each load's own.
-        supports: The same for the supports' displacements.
+        loads: One amplitude for all loads, or one for each (None is 1); None uses each load's own.
+        supports: Amplitudes of the supports' displacements, in the same way.
 
     Attributes:
         of_load: History of each load.

@@ -3,9 +3,9 @@
 f_a = sum over cells of V P grad N_a (eq. 1), P from S = lmbda tr(E) I + 2 mu E (eq. 2);
 engineering strain (eq. 3-4) gives R(a) = K a (eq. 5), Green strain (eq. 6-7) gives
 R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid, or the material's other law:
-core/mechanics/hyperelastic.hpp. The smoothed element averages the
-cells' strains before it takes their stress: core/mechanics/smoothed_tet4.hpp, and by other laws
-smoothed_law.hpp, where it is said what of their energy goes over edges and what over nodes.
+core/mechanics/hyperelastic.hpp. The smoothed element averages the cells' strains before it
+computes their stress: core/mechanics/smoothed_tet4.hpp. Under other laws smoothed_law.hpp states
+which part of the energy is averaged over edges and which over nodes.
 """
 
 from __future__ import annotations
@@ -217,11 +217,11 @@ class Body:
         lumped mass (Fried 1972, "Bounds on the extremal eigenvalues of the finite element
         stiffness and mass matrices"); for one cell that is 4 / rho times the largest eigenvalue
         of B^T D B, which D^(1/2) B B^T D^(1/2) has too, a 6 x 6 matrix. For the smoothed element
-        the patches of edges and nodes take the place of cells: core/mechanics/smoothed_bound.hpp.
+        patches of edges and nodes replace the cells: core/mechanics/smoothed_bound.hpp.
 
         At rest all laws are as stiff, so it is the same for all. Away from it, it may be too long:
         Saint-Venant-Kirchhoff stiffens under stretch, the logarithm of a volume without bound as
-        that nears 0; `critical_time_step` at a displacement says how stiff a body is there.
+        that nears 0; `critical_time_step` at a displacement gives the step of the body there.
         """
         if self.element is Element.SMOOTHED:
             squared = self.core.smoothed_bound(self.lumped_mass, _ROUNDS_OF_BOUND)
@@ -273,7 +273,7 @@ class Body:
     ) -> float:
         """2 / omega_max of K x = omega^2 M x [s] (paper, section III), by Lanczos iterations.
 
-        Approached from above: the answer is too long by at most about the tolerance, so multiply
+        Approached from above: the result is too long by at most about the tolerance, so multiply
         it by a safety factor. Never below `critical_time_step_bound`. Stretched Green-strain
         cells are stiffer than at rest: keep a margin. After k products, over random starts, omega^2
         is a part e too small with a probability of at most 1.648 root(n) exp(-(2 k - 1) root(e)),
@@ -283,7 +283,7 @@ class Body:
             displacement: State about which the body moves [m], shape (num_points, 3); None is
                 rest.
             mass: Lumped mass [kg], shape (num_points,); None is the material's.
-            springs: That pull at it, at full stiffness; None is none.
+            springs: Springs on the body, at full stiffness; None is none.
             relative_tolerance: Change of the eigenvalue over ten iterations at which to stop.
             max_iterations: Matrix products at most.
         """
@@ -324,18 +324,17 @@ class Body:
 # Stresses of cells: what the energy is made of, and Cauchy's.
 #
 # On linear tetrahedra, smoothed or not, both are constant in a cell. The smoothed element's S
-# already
-# is an average over the cell's edges and corners; it is turned by the cell's own F.
+# already is an average over the cell's edges and corners; it is turned by the cell's own F.
 
 
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
-    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), as the element takes it.
+    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), by the element's strain.
 
-    By another law S = F^-1 P.
+    Under another law S = F^-1 P.
 
     Args:
-        body: Its strain says which: with engineering strain S is Cauchy's stress, with Green
-            strain the second Piola-Kirchhoff stress.
+        body: With engineering strain S is Cauchy's stress, with finite strain the second
+            Piola-Kirchhoff stress.
         displacement: [m], shape (num_points, 3), finite.
 
     Returns:
@@ -356,7 +355,7 @@ def cauchy_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Cauchy's stress of each cell, F S F^T / det F; with engineering strain S itself.
 
     Args:
-        body: Its strain says which.
+        body: Its strain decides which stress S is: see `cell_stress`.
         displacement: [m], shape (num_points, 3), finite.
 
     Returns:

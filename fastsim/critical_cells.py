@@ -1,10 +1,10 @@
-"""The cells that decide the critical time step of a mesh, and what its surface forces on them.
+"""The cells that decide the critical time step of a mesh, and the bound by its surface.
 
 A cell is stable up to 2 / omega, omega^2 the largest eigenvalue of its own stiffness over its own
 lumped mass. Let one corner move along the gradient of its shape function: that has the energy of
 a plane wave, so omega >= 2 c / h, with h the cell's altitude at that corner and c the speed of
 pressure waves, and the step is at most h / c. An altitude of a cell is at most that of any of its
-facets at the same corner. So a facet that is kept allows no more than its smallest altitude over
+facets at the same corner. So a fixed facet allows no more than its smallest altitude over
 c, whatever lies behind it.
 """
 
@@ -21,15 +21,15 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 
-# Of one mesh, told.
+# Largest number of cells listed for a mesh.
 MOST_TOLD = 10
-# Altitudes asked for, in parts of c times the target: a good cell's step is about half its smallest
-# altitude over c.
+# Altitudes to mesh for, in units of c times the target: a good cell's step is about half its
+# smallest altitude over c.
 _FACTORS = (0.0, 2.0, 2.5, 3.0)
-# Of points, last of all; a move is worth a part of the step.
+# Moves of points at the end, and the relative gain of the step that a move has to bring.
 _MOST_MOVES = 300
 _LEAST_GAIN = 1e-3
-# Steps of the search for a place, in parts of the longest edge at the point.
+# Steps of the search for a position, in units of the longest edge at the point.
 _REACHES = (0.2, 0.1, 0.05, 0.02, 0.01)
 
 
@@ -41,8 +41,8 @@ class CriticalCells:
         time_step: Of the mesh [s]: the smallest of all cells'.
         wave_speed: Of pressure waves [m/s]; `time_step` times it is a length of the mesh alone.
         cells: The ten with the smallest steps, smallest first.
-        steps: Theirs [s].
-        places: Their centroids [m], shape (num_told, 3).
+        steps: Stable steps of these cells [s].
+        places: Their centroids [m], shape (n, 3).
         surface_step: What the surface's thinnest facet allows at most [s].
         surface_facet: The number of that facet among the mesh's boundary facets.
         surface_place: Its centroid [m], shape (3,).
@@ -59,7 +59,7 @@ class CriticalCells:
 
 
 def find_critical_cells(mesh: TetMesh, material: Material) -> CriticalCells:
-    """The cells that decide the time step of linear tetrahedra at rest, and the surface's share.
+    """The cells that decide the time step of linear tetrahedra at rest, and the surface's bound.
 
     Args:
         mesh: Of one material.
@@ -83,7 +83,7 @@ def find_critical_cells(mesh: TetMesh, material: Material) -> CriticalCells:
 
 
 def wave_speed(material: Material) -> float:
-    """Of pressure waves at rest [m/s]: root((lambda + 2 mu) / rho)."""
+    """Speed of pressure waves at rest [m/s]: root((lambda + 2 mu) / rho)."""
     modulus, ratio = material.youngs_modulus, material.poissons_ratio
     stiffness = modulus * (1.0 - ratio) / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
     return float(np.sqrt(stiffness / material.density))
@@ -102,12 +102,12 @@ def mesh_to_time_step(
     make: Callable[[float], TetMesh],
     progress: Callable[[str], None] | None = None,
 ) -> TetMesh:
-    """Mesh until explicit steps may be as long as wanted, or as near as it comes.
+    """Mesh until the stable step is as long as wanted, or as near to it as possible.
 
     Cells below an altitude are improved by flips, moves and insertions of inner points, and the
     cells that decide the step by moves for its own sake; the altitude is raised until the step is
-    reached. The mesh may fall short of it:
-    `find_critical_cells` says by how much, and what the surface forces.
+    reached. The mesh may fall short of it: `find_critical_cells` shows by how much, and the bound
+    by the surface.
 
     Args:
         material: Of the body.
@@ -137,7 +137,7 @@ def move_for_time_step(
     """Move inner points at the cell that decides the step, again and again.
 
     Args:
-        mesh: Its boundary stays.
+        mesh: Its boundary is preserved.
         material: Of the body.
         time_step: Where to stop [s].
 
@@ -170,7 +170,7 @@ def move_for_time_step(
 def _move(
     points: Points, cells: Indices, point: int, steps: Floats, star: Indices, material: Material
 ) -> bool:
-    """A better place for one point, if there is one; its cells' steps follow."""
+    """Move one point to a better position, if there is one, and update its cells' steps."""
     before = best = float(steps[star].min())
     start = points[point].copy()
     reach = float(np.linalg.norm(points[cells] - start, axis=2).max())
@@ -201,7 +201,7 @@ _WAYS = np.array([w for w in np.ndindex(3, 3, 3) if w != (1, 1, 1)], dtype=np.fl
 def cell_steps(corners: Points, material: Material) -> Floats:
     """The step of single cells, shape (n, 4, 3) [s]; 0 of one that is inverted or flat.
 
-    See `Body.cell_time_steps`, which says the same of a mesh.
+    See `Body.cell_time_steps`, which does so for a mesh.
     """
     edges = corners[:, 1:] - corners[:, :1]
     volumes = np.linalg.det(edges)

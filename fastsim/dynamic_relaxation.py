@@ -1,4 +1,4 @@
-"""Static equilibrium by explicit steps: motion with made-up masses, damped until it rests.
+"""Static equilibrium by explicit steps: motion with fictitious masses, damped until it rests.
 
 M a'' + c M a' + R(a) = F with dt = 1 and masses by Gershgorin's bound, so that every step is
 stable: m_i = sum_j |K_ij| / 4 (P. Underwood, "Dynamic relaxation", in Computational Methods for
@@ -37,8 +37,8 @@ _FIRST_RAMP = 500
 _MOST_STARTS = 5
 # omega_max is 2 by the choice of masses: above this part of it nothing is left to be damped.
 _LARGEST_FREQUENCY = 0.5
-# Green strain stiffens under stretch; masses are larger than the bound asks by this factor, and
-# by its next power at each new start.
+# Finite strain stiffens under stretch; masses are this factor above their bound, and its next
+# power at each new start.
 _MASS_MARGIN = 1.3
 
 
@@ -53,7 +53,7 @@ class RelaxationResult:
         relative_residual: Out-of-balance force over load or reactions [-].
         history: (steps, relative residual) at each look of the last start.
         smallest_det_f: Smallest det F of all cells [-].
-        starts: 1, or more if a start blew up.
+        starts: Number of starts: 1, or more if one blew up.
         tool_forces: On each tool at the end [N], shape (num_tools, 3).
     """
 
@@ -85,12 +85,12 @@ def relax(
 
     Args:
         problem: Mesh, material, supports and loads; density and time are ignored.
-        strain: Engineering or Green strain.
+        strain: Engineering or finite strain.
         element: Plain or smoothed.
         relative_tolerance: Residual over the load's norm, or the reactions' where supports move.
-        max_steps: Where to give up.
+        max_steps: Largest number of steps before giving up.
         num_threads: At least 1.
-        device: On which the steps are made; as `ExplicitBody` says.
+        device: On which the steps are made; see `ExplicitBody`.
         contact: How contact is enforced: None is the constraint.
         progress: Called with one line now and then.
 
@@ -241,7 +241,7 @@ class _Relaxation:
         return None
 
     def _tools(self, ramp: Callable[[float], float]) -> ExplicitTools:
-        """The tools, their paths' whole time taken while the load is raised."""
+        """The tools, which go through the whole time of their paths while the load is raised."""
         times = np.concatenate([tool.path.times for tool in self._problem.tools])
         first, span = float(times.min()), float(np.ptp(times))
         return ExplicitTools(

@@ -33,7 +33,7 @@ class Energies:
 
     @property
     def balance(self) -> Points:
-        """What should not change [J], shape (num_outputs + 1,)."""
+        """The sum that stays constant [J], shape (num_outputs + 1,)."""
         return self.strain + self.kinetic + self.damping_loss - self.external_work
 
 
@@ -47,10 +47,10 @@ class DynamicResult:
         velocity: At the last time [m/s], shape (num_points, 3).
         time_step: [s].
         critical_time_step: [s].
-        num_steps: Steps done.
-        energies: If asked for.
-        instruction_set: What the step ran on.
-        tools: Where each tool was, and what acted on it.
+        num_steps: Number of time steps.
+        energies: Energies, if they were tracked; else None.
+        instruction_set: Instruction set that the step used.
+        tools: Positions of each tool, and the loads on it.
     """
 
     times: Floats
@@ -90,17 +90,17 @@ def simulate(
     Args:
         problem: With `time` set; its `time_step` None takes 0.8 of the critical one, which
             stiffness damping shortens.
-        strain: Engineering or Green strain.
+        strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: Initial [m], shape (num_points, 3); None is rest. Fixed components are where
             their supports are from the start.
         velocity: Initial [m/s], shape (num_points, 3); None is zero.
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
-            which is 1 from the start where it has none. Asked up to one step beyond the end.
-        support_amplitude: The same for the prescribed displacements of the supports.
+            which is 1 from the start where it has none. Evaluated up to one step beyond the end.
+        support_amplitude: Such factors on the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
-        device: "cpu" is the compiled core; others as `ExplicitBody` says.
+        device: "cpu" is the compiled core; for others see `ExplicitBody`.
         tracks_energy: Sum up work and losses at every step (slower).
         contact: How contact is enforced: None is the constraint, for force-driven tools a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
@@ -147,11 +147,11 @@ def simulate(
 
 
 class Recorder:
-    """What a run leaves behind: states, energies and tools at the output times.
+    """Records states, energies and tools of a run at the output times.
 
     Args:
         body: At the start of its problem's time span.
-        tracks_energy: Whether it sums them up.
+        tracks_energy: Whether energies are recorded.
 
     Attributes:
         times: Of the outputs [s], shape (num_outputs + 1,), from 0.
@@ -168,7 +168,7 @@ class Recorder:
         self._tool_records: list[NDArray[np.void]] = []
 
     def record(self, output: int) -> None:
-        """The present state as that of an output.
+        """Record the present state as that of an output.
 
         Raises:
             BlowUpError: The last step inverted a cell.
@@ -181,7 +181,7 @@ class Recorder:
         self._tool_records.append(body.take_tool_records())
 
     def result(self) -> DynamicResult:
-        """Once all outputs are recorded."""
+        """The trajectory, once all outputs are recorded."""
         body = self._body
         balance = None
         if self._tracks_energy:

@@ -1,4 +1,4 @@
-"""What can go wrong in a simulation, with the data that shows it."""
+"""Errors of simulations, each with its data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from palpate.meshes.errors import InputError
 
 @dataclass(eq=False, repr=False)
 class CrowdedPointError(InputError):
-    """A point with more neighbours than the stiffness matrix counts; `.point`."""
+    """A point with more neighbours than the stiffness matrix can number; `.point`."""
 
     point: int
 
@@ -22,7 +22,7 @@ class CrowdedPointError(InputError):
 
 
 class FastsimError(RuntimeError):
-    """Base of what goes wrong while simulating; the input itself was usable."""
+    """Base of the errors of a simulation; the input itself was usable."""
 
 
 @dataclass(eq=False, repr=False)
@@ -152,10 +152,10 @@ class BlowUpError(FastsimError):
     """A run that left the finite numbers or the neighbourhood of the body.
 
     Attributes:
-        reason: What was seen.
-        step: Number of good steps done.
+        reason: What happened.
+        step: Number of accepted time steps.
         time: Time of the last good state [s].
-        cell: Where: the cell that inverted, or one at the point that moved fastest.
+        cell: The cell that inverted, or one at the point that moved fastest.
         place: Centre of that cell at rest [m].
         smallest_det_f: Smallest det F of the last good state [-].
         displacement: The last good state [m], shape (num_points, 3).

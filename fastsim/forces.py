@@ -55,13 +55,13 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
 
 
 def sum_at_points(values: Floats, rows: Indices, num_points: int) -> Floats:
-    """The sum at each point of the values of the cells or facets that name it, (num_points,)."""
+    """Sum at each point of the values of the cells or facets that contain it, (num_points,)."""
     sums = np.bincount(rows.T.ravel(), np.tile(values, rows.shape[1]), minlength=num_points)
     return np.asarray(sums, dtype=np.float64)
 
 
 def lumped_areas(mesh: TetMesh, facets: Indices) -> Floats:
-    """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
+    """Rest area of these facets at points, a third for each corner [m2], shape (num_points,)."""
     third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
     return sum_at_points(third, facets, mesh.num_points)
 

@@ -19,16 +19,16 @@ from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
 from palpate.meshes.tet_mesh import TetMesh
 
-# Below this, diagonal blocks alone are as quick as multigrid.
+# Below this number of points diagonal blocks alone are as quick as multigrid.
 MULTIGRID_FROM_POINTS = 1500
 # A full step may raise the residual for a while: in bending, stretching is so much stiffer that a
 # search for a smaller residual costs twice the iterations; freed altogether, hard loads need more.
 LARGEST_GROWTH = 1e3
 
 
-# Out-of-balance force over that of a term, below which what pushes there is nearly settled.
+# Out-of-balance force over that of a term, below which its active points hardly change.
 _CLOSE = 1e-2
-# Of the largest displacement: what turning a vector to other axes and back may leave.
+# Error of turning a vector to other axes and back, over the largest displacement.
 _ROUNDING = 1e-14
 # Slope of the potential at a step's end over that at its start, and how often it is cut.
 _STEEP = 0.8
@@ -36,22 +36,22 @@ _MOST_CUTS = 8
 
 
 class ResidualTerm(Protocol):
-    """What pushes a body besides its loads, as a term of the residual: its value and its tangent.
+    """Forces on a body besides its loads, as a term of the residual with its tangent.
 
-    It may have kinks, where points come to be pushed or cease to be.
+    It may have kinks, where points become active or inactive.
     """
 
     def force(self, displacement: Points) -> Points:
-        """On the body [N], shape (num_points, 3)."""
+        """Force on the body [N], shape (num_points, 3)."""
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
-        """Add minus the force's derivative to the matrix; say whether other points are pushed."""
+        """Add minus the force's derivative to the matrix; return whether active points changed."""
 
     def settle(self, displacement: Points) -> None:
-        """Take note that the displacement is near an equilibrium."""
+        """Store the active state of a displacement near an equilibrium."""
 
     def rounding_error(self, body: Body) -> float:
-        """Norm of what rounding alone can leave of the force [N]."""
+        """Norm of the rounding error of the force [N]."""
 
 
 class Iteration(StrEnum):
@@ -88,18 +88,18 @@ class NewtonOutcome:
 
 
 class Newton:
-    """Newton-Raphson on one problem; keeps the body and the counts.
+    """Newton-Raphson on one problem, with its body and its counts of iterations.
 
     Args:
         problem: Mesh, material, supports, loads and springs.
         strain: Strain measure.
-        relative_tolerance: Where to stop.
-        max_iterations: Where to give up, in one call of `solve`.
+        relative_tolerance: Relative residual at which to stop.
+        max_iterations: Largest number of iterations in one call of `solve`.
         iteration: Consistent tangent, or the secant matrix of eq. 10.
         element: Plain or smoothed.
         is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
             for eq. 9-10 as printed.
-        term: What else pushes; None is nothing.
+        term: Further forces on the body; None is none.
     """
 
     def __init__(
@@ -139,11 +139,11 @@ class Newton:
         self._is_stale = True
         self._fresh_cost: float | None = None
         self._load = external_force(problem)
-        # A spring is there from the first step on: the load raises the anchor's displacement.
+        # Springs act from the first step on: the load factor raises the anchor's displacement.
         self._springs = PatchSprings(problem.mesh.points, problem.springs)
         ends = [spring.path.end for spring in problem.springs]
         self._anchors = np.array(ends).reshape(-1, 3)
-        # Pressure follows the body only where the strain measure knows finite rotations.
+        # Pressure follows the body only under finite strain.
         self._follows = strain is Strain.GREEN and any(
             isinstance(load, Pressure) for load in problem.loads
         )
@@ -207,12 +207,12 @@ class Newton:
         return solve
 
     def _jump(self, displacement: Points, factor: float) -> Points:
-        """How far fixed components are from where they are held, 0 for the free ones."""
+        """Distance of fixed components from their prescribed values, 0 for the free ones [m]."""
         here = self._supports.to_local(displacement)
         jump = np.where(self._is_free != 0, 0.0, self._supports.at(factor) - here)
         slanted = self._supports.slanted
         if slanted is not None:
-            # What turning there and back has left is none.
+            # The rounding error of turning there and back is no distance.
             size = _ROUNDING * float(np.abs(displacement).max(initial=0.0))
             rows = jump[slanted.points]
             jump[slanted.points] = np.where(np.abs(rows) <= size, 0.0, rows)
@@ -228,7 +228,7 @@ class Newton:
         return float(np.sum((to_local(forces) * to_local(step))[self._is_free != 0]))
 
     def _is_stable(self) -> bool:
-        """Is the last tangent positive definite? The last step was too small to change it.
+        """Whether the last tangent is positive definite; the last step was too small to change it.
 
         Symmetric loads leave symmetric residuals, which never meet the direction in which a
         column buckles: conjugate gradients are given a direction without symmetry.
@@ -240,7 +240,7 @@ class Newton:
         return self._linear_solve(direction, [1.0])[0] is not None
 
     def _is_at_rounding(self, displacement: Points, norm: float, history: list[float]) -> bool:
-        """Has the residual [N] stopped falling, at what rounding alone can leave?"""
+        """Whether the residual [N] has stopped falling, at the rounding error of the forces."""
         if len(history) < 2 or history[-1] <= 0.5 * history[-2]:
             return False
         if norm <= rounding_error(self.body.core.absolute_row_sums(), displacement):
@@ -286,7 +286,7 @@ class Newton:
         if self._term is not None:
             if self._is_close:
                 self._term.settle(displacement)
-            # A multigrid of other points is of little use.
+            # The multigrid of a tangent with other active points is of little use.
             if self._term.add_tangent(self.body, displacement):
                 self._is_stale = True
         if self._supports.slanted is not None:
@@ -310,7 +310,7 @@ class Newton:
             right_side, self._is_free, relative * norm, limit, self._uses_multigrid
         )
         self.linear_iterations += iterations
-        # Iterations for each digit tell when the multigrid of an earlier tangent has aged.
+        # The iterations per digit show when the multigrid of an earlier tangent is outdated.
         cost = iterations / -np.log10(relative)
         if self._fresh_cost is None:
             self._fresh_cost = cost
@@ -349,9 +349,9 @@ class Newton:
         residual: Points,
         accepted: tuple[Points, Points, Points],
     ) -> tuple[Points, Points, Points]:
-        """Go less far while the potential rises steeply again along the step.
+        """Shorten the step while the potential rises steeply again along it.
 
-        Points that are pushed and not in turn would otherwise be so for ever.
+        Otherwise points could become active and inactive in turn without end.
         """
         fall = self._free_dot(residual, step)
         low, high = 0.0, 1.0
@@ -376,13 +376,11 @@ class Newton:
 #
 # At a limit point the tangent stiffness K loses its smallest eigenvalue. Beside it stands the same
 # matrix without the stress that destabilises, K_m = sum of V B^T D B with the law's D = dS/dE at
-# the
-# present F: the smallest x . K x / x . K_m x is 1 in a body without stress and 0 at the limit, at
-# any
-# rotation and scale.
+# the present F: the smallest x . K x / x . K_m x is 1 in a body without stress and 0 at the limit,
+# at any rotation and scale.
 
 
-# Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
+# Inverse iterations for the softest direction, whose ratio separates from the next near a limit.
 _ITERATIONS = 8
 # Change of the displacement gradient by which stresses are derived: what it leaves out is of its
 # square, what rounding adds of eps over it.
@@ -399,7 +397,7 @@ class Softening:
         stiffness: Smallest x . K x / x . K_m x [-]; 1 without stress, 0 at the limit, below 0
             where the equilibrium found is not stable.
         cell: The cell that the softest direction strains most.
-        place: Its centre at rest [m].
+        place: Centre of that cell at rest [m].
         smallest_stretch: Smallest principal stretch of all cells [-].
         stretched_cell: The cell that has it.
     """
@@ -442,7 +440,7 @@ def find_softening(
         next_side = form.times(x)
         # K x = b, so that x . K x = x . b.
         with np.errstate(invalid="ignore", divide="ignore"):
-            # NaN, where numbers leave their range, is no sign of a limit.
+            # NaN, from numbers out of range, does not indicate a limit.
             stiffness = float(np.sum(x * right_side) / np.sum(x * next_side))
         mode = x
         right_side = next_side / np.linalg.norm(next_side)

@@ -32,7 +32,7 @@ class PatchSprings:
 
     Args:
         points: Of the mesh at rest [m], shape (num_points, 3).
-        springs: Any number.
+        springs: The springs; may be empty.
 
     Attributes:
         facets: Of all patches, one after the other, shape (m, 3).
@@ -62,7 +62,7 @@ class PatchSprings:
         return self._count
 
     def force(self, displacement: Points, anchors: Points, factors: Floats) -> Points:
-        """On the body [N], shape (num_points, 3).
+        """Force on the body [N], shape (num_points, 3).
 
         Args:
             displacement: [m], shape (num_points, 3).
@@ -82,7 +82,7 @@ class PatchSprings:
         return factors[:, None] * sums
 
     def mean_displacements(self, displacement: Points) -> Points:
-        """Of each patch, weighted: where its anchor pulls with no force in all [m]."""
+        """Weighted mean over each patch [m]: an anchor there exerts no resultant force."""
         sums, whole = np.zeros((self._count, 3)), np.zeros(self._count)
         of_facets = np.einsum("ma,maj->mj", self._shares, displacement[self.facets])
         np.add.at(sums, self.of_facet, of_facets)
@@ -100,7 +100,7 @@ class PatchSprings:
         return self._summed(self._K @ displacement[self.facets])
 
     def row_sums(self) -> Floats:
-        """Stiffness of each point, all springs together [N/m], shape (num_points,)."""
+        """Row sums of the stiffness of all springs [N/m], shape (num_points,)."""
         found = np.bincount(self.facets.ravel(), self._shares.ravel(), self._num_points)
         return np.asarray(found, dtype=np.float64)
 

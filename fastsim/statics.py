@@ -1,4 +1,4 @@
-"""Static equilibrium: linear strain (eq. 5) and Green strain by Newton-Raphson (eq. 9-10).
+"""Static equilibrium: linear strain (eq. 5) and finite strain by Newton-Raphson (eq. 9-10).
 
 The matrix of eq. 10 as printed is the secant matrix K + P(a), a fixed-point iteration; the default
 here is the consistent tangent dR/da, which converges quadratically. The steps are driven from
@@ -70,7 +70,7 @@ def solve_static(
     contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> StaticResult:
-    """Find R(a) = F (eq. 1) with the supports' displacements held.
+    """Find R(a) = F (eq. 1) with the supports' displacements prescribed.
 
     With tools, the equilibrium at the end of their paths; `contact.static_contact.solve_contact`
     gives those at every knot, and the forces on the tools.
@@ -78,9 +78,9 @@ def solve_static(
     Args:
         problem: Mesh, material, supports, loads and springs, whose anchors are where their paths
             end.
-        strain: Engineering strain (one linear solve) or Green strain (Newton).
+        strain: Engineering strain (one linear solve) or finite strain (Newton).
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
-        start: A displacement near the answer [m], shape (num_points, 3), to begin from at the full
+        start: A displacement near the solution [m], shape (num_points, 3), to begin from at full
             load (warm start); where that does not converge, and where None, the load is raised
             from rest.
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
@@ -91,12 +91,12 @@ def solve_static(
 
     Returns:
         The equilibrium; its relative residual is at most the tolerance, or, in a slender body, the
-        rounding error of its nodal forces: the last of `residual_history` says so.
+        rounding error of its nodal forces; it is the last of `residual_history`.
 
     Raises:
         UnsupportedBodyError: The body can float.
-        EquilibriumLostError: Green strain has no stable equilibrium at the full load; says up to
-            which load, where the body softens, and carries the last good state.
+        EquilibriumLostError: Finite strain has no stable equilibrium at the full load; states up
+            to which load, where the body softens, and carries the last good state.
         NotConvergedError: The iteration failed for another reason; carries the last good state.
         ContactLostError: No equilibrium with the tools beyond a time of their paths.
 
@@ -180,7 +180,7 @@ def _with_tools(
 def _failure(
     newton: Newton, outcome: NewtonOutcome, factor: float, displacement: Points
 ) -> NotConvergedError:
-    """Say what is known of the end of the path: a limit of the material, or a failed iteration."""
+    """The error at the end of the path: a limit of the material, or a failed iteration."""
     smallest, cell = newton.body.smallest_det_f(displacement)
     known: dict[str, Any] = {
         "reason": outcome.reason,

@@ -1,7 +1,7 @@
-"""Supports: which components of which points are held, and where, by the size of each support.
+"""Supports: the fixed components of points, and their displacements by each support's factor.
 
 A point on slanted planes is fixed along their normals only. It has axes of its own, the first of
-which are held: components of such points are along these, of all others along x, y, z.
+which are fixed: components of such points are along these, of all others along x, y, z.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from palpate.meshes.boundary_conditions import Rotation, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 
-# Of two unit normals: nearer than this they are one.
+# Two unit normals that differ by less than this count as one.
 _PARALLEL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class SlantedPoints:
-    """Points that a support holds along a normal, with axes of their own.
+    """Points that a support fixes along a normal, with axes of their own.
 
     Attributes:
         points: Their numbers, shape (n,), sorted.
-        axes: Unit vectors as rows, shape (n, 3, 3); the first `rank` span what is held.
-        rank: How many components are held, shape (n,), 1 to 3.
-        weights: Components from what the supports ask for along their directions, (n, 3, 3).
-        supports: Which supports these are, -1 for none, shape (n, 3).
-        directions: And along what, shape (n, 3, 3).
+        axes: Unit vectors as rows, shape (n, 3, 3); the first `rank` span the fixed directions.
+        rank: How many components are fixed, shape (n,), 1 to 3.
+        weights: Components from the displacements along the supports' directions, (n, 3, 3).
+        supports: Numbers of these supports, -1 for none, shape (n, 3).
+        directions: Directions along which they fix the point, shape (n, 3, 3).
     """
 
     points: Indices
@@ -56,11 +56,11 @@ class SlantedPoints:
 
 
 class HeldPoints:
-    """What the supports of a problem hold.
+    """The components of points that the supports of a problem fix.
 
     Attributes:
         is_free: 1 where free, 0 where fixed, shape (num_points, 3), of the points' own components.
-        slanted: Those whose components are not along x, y, z; None where there are none.
+        slanted: Points whose components are not along x, y, z; None without any.
 
     Raises:
         InputError: A number that is not finite.
@@ -70,7 +70,7 @@ class HeldPoints:
         self._problem = problem
         shape = problem.mesh.points.shape
         self.is_free = np.ones(shape, dtype=np.uint8)
-        # Which support holds each component; of slanted points those of `slanted` do.
+        # Which support fixes each component; for slanted points see `slanted`.
         self._holder = np.full(shape, -1)
         for number, support in enumerate(problem.supports):
             given = np.array([support.displacement, support.normal or (0.0, 0.0, 1.0)])
@@ -84,7 +84,7 @@ class HeldPoints:
         self.slanted = self._find_slanted()
 
     def at(self, factors: float | Sequence[float] | Floats) -> Points:
-        """Where the fixed components are, 0 for the free ones [m], shape (num_points, 3).
+        """Displacements of the fixed components, 0 for the free ones [m], shape (num_points, 3).
 
         Args:
             factors: Part of the full size of all supports, or one for each.
@@ -102,7 +102,7 @@ class HeldPoints:
         return held
 
     def held_by(self, number: int) -> NDArray[np.bool_]:
-        """Which components along x, y, z a support holds, shape (num_points, 3)."""
+        """Which components along x, y, z a support fixes, shape (num_points, 3)."""
         mine: NDArray[np.bool_] = self._holder == number
         return mine
 
@@ -157,7 +157,7 @@ class HeldPoints:
     def _orthogonalise(
         self, found: SlantedPoints, k: int, held: Sequence[tuple[int, Floats]]
     ) -> None:
-        """Gram-Schmidt on the directions of a point; those in the span of others hold nothing."""
+        """Gram-Schmidt on the directions of a point; those in the span of others add nothing."""
         axes, weights, rank = found.axes[k], found.weights[k], 0
         for number, direction in held:
             along = axes[:rank] @ direction
@@ -189,7 +189,7 @@ class HeldPoints:
 
 
 def moved_to(support: Support, points: Points, factor: float) -> Points:
-    """Where a support holds rest places at a part of its full size: displacements [m], (n, 3)."""
+    """Displacements of points of a support at a fraction of its full size [m], shape (n, 3)."""
     moved: Points = np.broadcast_to(factor * np.array(support.displacement), points.shape)
     if support.rotation is None:
         return moved
@@ -203,7 +203,7 @@ def moved_to(support: Support, points: Points, factor: float) -> Points:
 def turning(rotation: Rotation, points: Points) -> tuple[Points, Points]:
     """Rodrigues' formula: k x r and k x (k x r) [m], shape (n, 3) each.
 
-    A turn by theta moves a place at r from the center by sin(theta) times the first and
+    A turn by theta moves a point at r from the center by sin(theta) times the first and
     1 - cos(theta) times the second.
     """
     axis = np.array(rotation.axis) / np.linalg.norm(np.array(rotation.axis))

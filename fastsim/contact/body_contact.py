@@ -1,15 +1,13 @@
-"""Bodies that touch each other, or themselves: which vertices are in cells, and what pushes them.
+"""Contact of bodies with each other or themselves: detection by a spatial hash, and the penalty.
 
-In explicit motion that is a penalty on material depth.
-
-Boundary vertices inside cells, found by the spatial hash, are pushed out by the depth that the
-place has at rest (see core/contact/body_touch.hpp); a vertex past the middle of a body goes out
-behind. Bodies are the parts of one mesh that share no point. The penalty k A of a vertex acts on
-it and on the cell's corners:
+Boundary vertices inside cells, found by the spatial hash, are pushed out in explicit motion by a
+penalty on the depth which that material point has at rest (see core/contact/body_touch.hpp); a
+vertex past the middle of a body leaves it on the other side. Bodies are the parts of one mesh that
+share no point. The penalty k A of a vertex acts on it and on the cell's corners:
 
     omega^2 <= omega_body^2 + 4 max k A / m
 
-where up to two vertices press on a cell at a time. Momentum and moment are kept to rounding.
+where up to two vertices press on a cell at a time. Momentum and moment are conserved to rounding.
 """
 
 from __future__ import annotations
@@ -116,7 +114,7 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
 #
 # Boundary vertices are hashed into voxels (after Teschner et al. 2003) that fit the cells; a mesh
 # with cells of several sizes has several voxel sizes, a factor of two or more apart. Cells lie in
-# compact blocks; in each step only blocks that the other body's vertices come near are looked into.
+# compact blocks; in each step only blocks near vertices of the other body are searched.
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +123,7 @@ class Overlaps:
 
     Attributes:
         vertices: Point of the intruding body, ascending, shape (n,).
-        cells: Cell that holds it, shape (n,).
+        cells: Cell that contains it, shape (n,).
         weights: Barycentric weights of the cell's corners [-], >= 0, sum 1, shape (n, 4).
     """
 
@@ -141,12 +139,12 @@ class VertexCellDetector:
     """Finds the boundary vertices of one body in the cells of another, step after step.
 
     A vertex is in a cell when it is in the cell's box and no barycentric weight, as computed, is
-    negative; a cell that is inverted at the time holds nothing. A vertex on the side between two
+    negative; a cell that is inverted at the time contains nothing. A vertex on the side between two
     cells is found in either or both. Nothing is assumed of how far points move in a step.
 
     Args:
-        mesh: Body whose cells are looked at.
-        intruder: Body whose boundary vertices are looked for; None is the same body, whose own
+        mesh: Body whose cells are searched.
+        intruder: Body whose boundary vertices are sought; None is the same body, whose own
             corners do not count.
         num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
@@ -195,7 +193,7 @@ class VertexCellDetector:
     def find_by_brute_force(
         self, points: Points, intruder_points: Points | None = None
     ) -> Overlaps:
-        """Every vertex against every cell: the oracle of `find`, whose arguments it takes."""
+        """Test every vertex against every cell, to verify `find`; the arguments are the same."""
         here, there = self._arrays(points, intruder_points)
         pairs, weights = _core.find_vertices_in_cells_brute_force(
             there, self._vertices, here, self._mesh.cells, self._intruder is self._mesh
@@ -212,14 +210,14 @@ class VertexCellDetector:
 
 
 def at_least_one(num_threads: int) -> int:
-    """The number of threads, refused where there would be none."""
+    """The number of threads; less than one is refused."""
     if num_threads < 1:
         raise InputError(f"num_threads = {num_threads}; it must be at least 1")
     return num_threads
 
 
 def shaped_as(rest: Points, points: Points) -> Points:
-    """Points as the core takes them, refused where their shape is not that at rest."""
+    """Points as the core needs them; a shape other than that at rest is refused."""
     array = np.ascontiguousarray(points, dtype=np.float64)
     if array.shape != rest.shape:
         raise InputError(f"points need shape {rest.shape}, got {array.shape}")

@@ -1,4 +1,4 @@
-"""How contact is enforced, how stiff, and how fast a tool may be.
+"""The law of contact: its form and stiffness, the tools' largest speed, and checks of tools.
 
 Penalty: pressure k max(0, -g). A vertex of mass m and area A then has a frequency of its own, and
 
@@ -51,7 +51,7 @@ from palpate.meshes.tet_mesh import CELL_FACETS, signed_volumes
 _LAYERS = 0.1
 # Stiffness that shortens the critical step by a fifth: 1 / 0.8^2 - 1.
 _PART_OF_SQUARED_FREQUENCY = 0.5625
-# What of the bound a given time step leaves is used.
+# Fraction used of the bound that a given time step leaves.
 _PART_OF_BOUND = 0.9
 
 
@@ -115,7 +115,7 @@ def explicit_stiffness(
     """Penalty stiffness k [Pa/m] for explicit steps (formula above).
 
     Args:
-        law: A stiffness given in it goes before all else.
+        law: A stiffness given in it is used unchanged.
         layer: Stiffness of a layer of cells [Pa/m].
         lightest: Smallest mass per area of the vertices [kg/m2].
         critical_time_step: Of the body alone [s].
@@ -123,7 +123,7 @@ def explicit_stiffness(
         pressing: How many vertices' stiffnesses add up in omega^2.
 
     Raises:
-        UnstableStepError: The step leaves no room for any penalty.
+        UnstableStepError: The step is too long for any penalty.
     """
     if law.stiffness is not None:
         return law.stiffness
@@ -217,7 +217,7 @@ def _smallest_height(problem: Problem) -> float:
     return float((3.0 * signed_volumes(mesh.points, mesh.cells) / areas.max(axis=1)).min())
 
 
-# A tool may overlap the body at the start by this part of the mean edge where it may touch.
+# A tool may overlap the body at the start by this fraction of the mean contact edge.
 ALLOWED_OVERLAP = 0.1
 
 
@@ -246,7 +246,7 @@ def require_outside(
 def require_larger_than_gaps(problem: Problem, contact: ToolContact, number: int) -> None:
     """Refuse a tool that fits between the corners of a facet in its way.
 
-    The way is the box around the tool's poses at its knots, wider by its own size; a tool that is
+    Its way is the box around its positions at the knots, widened by its own size; a tool that is
     driven by a force may go anywhere.
 
     Raises:
@@ -315,7 +315,7 @@ def _as_tuple(place: Points) -> tuple[float, float, float]:
 def read_pose(
     number: int, position: ArrayLike, rotation: ArrayLike | None
 ) -> tuple[list[float], list[float] | None]:
-    """A pose that somebody sends a tool to: position [m], unit quaternion or None.
+    """Check a pose to which a tool is sent: position [m], unit quaternion or None.
 
     Args:
         number: Of the tool, from 0.
@@ -339,7 +339,7 @@ def read_pose(
 
 
 def read_numbers(given: ArrayLike, count: int, what: str) -> list[float]:
-    """So many finite numbers; quicker than arrays for a loop that moves a tool at every step."""
+    """Check `count` finite numbers; faster than arrays where a tool moves at every step."""
     try:
         numbers = [float(number) for number in given]  # type: ignore[union-attr, arg-type]
     except (TypeError, ValueError):

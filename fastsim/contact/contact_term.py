@@ -23,25 +23,25 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape
 
-# By which face of a box a vertex over its edge came in is told by steps of this part of an edge.
+# Steps up to this fraction of an edge show by which face of a box a vertex came in at its edge.
 _SHORT_OVER_EDGES = 0.05
-# A normal that turns by more than 60 degrees is believed of steps of this part of the way to the
+# A normal may turn by more than 60 degrees only in steps up to this fraction of the way to the
 # tool's middle.
 _TURNED = 0.5
 _SHORT_THROUGH = 0.25
 
 
 class ContactTerm:
-    """What tools push a body with, each at a given pose.
+    """Forces of tools on a body, each at a given pose.
 
     Args:
         contacts: The tools.
         stiffnesses: Penalty k of each [Pa/m].
 
     Attributes:
-        poses: Of each tool, of `POSE`; to be set before anything is asked.
+        poses: Of each tool, of `POSE`; to be set before any other use.
         multipliers: Of the vertices of each tool [N].
-        settled: What pushed them at the last equilibrium [N].
+        settled: Normal forces on them at the last equilibrium [N].
     """
 
     def __init__(self, contacts: list[ToolContact], stiffnesses: list[float]) -> None:
@@ -58,13 +58,13 @@ class ContactTerm:
         ]
         shapes = [contact.tool.shape for contact in contacts]
         self._faces = [BoxFaces(s.half_widths) if isinstance(s, BoxShape) else None for s in shapes]
-        # Normals in the tools' frames at the last equilibrium that was kept.
+        # Normals in the tools' frames at the last accepted equilibrium.
         self._seen: list[Points] = []
         self._active: list[NDArray[np.bool_]] = []
         self._next_poses: list[NDArray[np.void]] = []
 
     def pressed(self, displacement: Points) -> list[tuple[Gaps, Points]]:
-        """Gaps of each tool's vertices, and what pushes them p [N], shape (n,)."""
+        """Gaps of each tool's vertices, and their normal forces p [N], shape (n,)."""
         out: list[tuple[Gaps, Points]] = []
         for contact, pose, multiplier, weight in zip(
             self.contacts, self.poses, self.multipliers, self._weights, strict=True
@@ -79,7 +79,7 @@ class ContactTerm:
         return out
 
     def force(self, displacement: Points) -> Points:
-        """Of all tools on the body [N], shape (num_points, 3)."""
+        """Force of all tools on the body [N], shape (num_points, 3)."""
         force = np.zeros_like(displacement)
         pressed = self.pressed(displacement)
         for number, (contact, (gaps, push)) in enumerate(zip(self.contacts, pressed, strict=True)):
@@ -88,7 +88,7 @@ class ContactTerm:
         return force
 
     def vectors(self, displacement: Points) -> list[Points]:
-        """Of each tool on its vertices [N], shape (n, 3)."""
+        """Forces of each tool on its vertices [N], shape (n, 3)."""
         return [
             push[:, None] * gaps.normals + self._dragged(number, displacement, gaps)[0]
             for number, (gaps, push) in enumerate(self.pressed(displacement))
@@ -101,7 +101,7 @@ class ContactTerm:
         return self._drags[number].forces(places, pose, gaps.normals, self.multipliers[number])
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
-        """Add minus the force's derivative to the matrix; say whether other vertices touch."""
+        """Add minus the force's derivative to the matrix; return whether other vertices touch."""
         active = []
         for number, (contact, weight, settled, (gaps, push)) in enumerate(
             zip(self.contacts, self._weights, self.settled, self.pressed(displacement), strict=True)
@@ -129,11 +129,11 @@ class ContactTerm:
         return changed
 
     def settle(self, displacement: Points) -> None:
-        """Remember what pushes at an equilibrium, or near one."""
+        """Store the normal forces at an equilibrium, or near one."""
         self.settled = [push for _, push in self.pressed(displacement)]
 
     def keep(self, displacement: Points, poses: list[NDArray[np.void]]) -> None:
-        """Note where an equilibrium has the vertices beside the tools."""
+        """Accept an equilibrium: store the vertices' positions relative to the tools."""
         self._seen = [
             _in_tool(contact.gaps(displacement, pose), pose)
             for contact, pose in zip(self.contacts, poses, strict=True)
@@ -146,7 +146,7 @@ class ContactTerm:
                 faces.keep(contact.places(displacement), pose)
 
     def go_back(self) -> None:
-        """Begin anew from the last equilibrium that was kept, as to friction and the boxes."""
+        """Restore friction and the faces of boxes to the last accepted equilibrium."""
         for drag in self._drags:
             drag.go_back()
         for faces in self._faces:
@@ -156,7 +156,7 @@ class ContactTerm:
     def why_too_far(
         self, problem: Problem, displacement: Points, before: list[NDArray[np.void]]
     ) -> str:
-        """Why the tools' way from other poses is too long to tell the sides vertices came by."""
+        """State why the tools moved too far to know on which side vertices came in; else empty."""
         for contact, pose, old, faces, seen, (gaps, push) in zip(
             self.contacts, self.poses, before, self._faces, self._seen,
             self.pressed(displacement), strict=True,
@@ -174,7 +174,7 @@ class ContactTerm:
         return ""
 
     def move_round_edges(self, displacement: Points) -> tuple[int, bool]:
-        """Let vertices that are pressed beyond the edge of a box's face go round it.
+        """Pass vertices that are pressed beyond the edge of a box's face to the next face.
 
         Returns:
             How many, and whether one of them went round another edge before.
@@ -192,7 +192,7 @@ class ContactTerm:
         return count, is_again
 
     def rounding_error(self, body: Body) -> float:
-        """Norm of what rounding of positions in space leaves of k A g [N]."""
+        """Norm of the error of k A g by rounding of positions in space [N]."""
         touching = [w[a] for w, a in zip(self._weights, self._active, strict=True)]
         size = float(np.linalg.norm(np.concatenate([*touching, np.zeros(0)])))
         return 8.0 * float(np.finfo(float).eps) * float(np.abs(body.mesh.points).max()) * size
@@ -210,7 +210,7 @@ class ContactTerm:
 
     @contextmanager
     def going_to(self, poses: list[NDArray[np.void]]) -> Iterator[None]:
-        """Meanwhile, gaps are those where the tools will be; then the tools are there.
+        """Compute gaps at the tools' next poses; at the end the tools are at these.
 
         Distances are those to where the tools were, less how far each comes along its normal: no
         vertex is ever deep inside, where the nearest side may be the wrong one.
@@ -234,14 +234,14 @@ def _ahead(gaps: Gaps, places: Points, pose: NDArray[np.void], next_pose: NDArra
     return replace(gaps, distances=gaps.distances - np.sum(gaps.normals * way, axis=1))
 
 
-# Coulomb friction of vertices on a tool at rest: what holds them, and what they slip under.
+# Coulomb friction of vertices on a tool, in statics: they stick up to a bound, and slide at it.
 #
 # A vertex carries, along the tool's surface and beside its push p,
 #
 #     f = f1 where |f1| <= mu p, else mu p f1 / |f1|,      f1 = multiplier - k A slip,
 #
 # with its slip over the tool since the last equilibrium. Multiplier and p are those of the last
-# update (Alart and Curnier 1991, with the bound held as in a quasi-potential): each Newton solve is
+# update (Alart and Curnier 1991, the bound fixed as in a quasi-potential): each Newton solve is
 # then of a potential, and its tangent is symmetric.
 
 
@@ -261,20 +261,20 @@ class Drag:
         self._kept = self._multipliers, self._multipliers
 
     def keep(self, places: Points, pose: NDArray[np.void]) -> None:
-        """Go on from an equilibrium with the vertices at these places [m]."""
+        """Accept an equilibrium with the vertices at these positions [m]."""
         self._kept = self._multipliers, _seen_from(places, pose)
 
     def go_back(self) -> None:
-        """To the last equilibrium that was kept."""
+        """Return to the last accepted equilibrium."""
         self._multipliers = self._kept[0]
 
     def forces(
         self, places: Points, pose: NDArray[np.void], normals: Points, pushes: Floats
     ) -> tuple[Points, Floats]:
-        """What drags the vertices [N], shape (n, 3), and minus its derivative, (n, 3, 3) [N/m].
+        """Friction on the vertices [N], shape (n, 3), and minus its derivative, (n, 3, 3) [N/m].
 
         Args:
-            places: Of the vertices [m], shape (n, 3).
+            places: Positions of the vertices [m], shape (n, 3).
             pose: Of the tool.
             normals: Out of the tool, shape (n, 3).
             pushes: Multipliers of contact, which bound it [N], shape (n,).
@@ -306,24 +306,22 @@ def _seen_from(places: Points, pose: NDArray[np.void]) -> Points:
     return seen
 
 
-# Statics beside the edges of a box: each vertex is held against one face until it slides off.
+# Statics beside the edges of a box: each vertex stays on one face until it slides off.
 #
 # Inside a box the nearest face may be a side that a vertex under the bottom never came by. So a
-# vertex that stands before one face is held against that face's plane, beyond its edges too,
-# while an
-# equilibrium is sought: the force has no jump at the edge, and Newton's method no vertices that
-# come
-# and go. Where an equilibrium presses a vertex beyond an edge, it is given to the face round that
-# edge, and the equilibrium sought again. One that came in over an edge belongs to the face whose
+# vertex that stands before one face is kept outside that face's plane, beyond its edges too, while
+# an equilibrium is sought: the force has no jump at the edge, and in Newton's method no vertices
+# come and go. A vertex that an equilibrium presses beyond an edge is passed to the face round that
+# edge, and the equilibrium is sought again. One that came in over an edge belongs to the face whose
 # plane it crossed last.
 
 
-# Of the smallest half width: what is nearer than this is at the face, or at the edge.
+# Fraction of the smallest half width within which a vertex is at a face or an edge.
 _AT = 1e-6
 
 
 class BoxFaces:
-    """Which face of one box each vertex stands before.
+    """The face of a box before which each vertex stands.
 
     Faces are outward normals in the box's frame; zero is none, over an edge or a corner.
 
@@ -338,7 +336,7 @@ class BoxFaces:
         self._has_moved = np.zeros(0, dtype=np.bool_)
 
     def keep(self, places: Points, pose: NDArray[np.void]) -> None:
-        """Go on from where an equilibrium has the vertices [m], shape (n, 3)."""
+        """Accept an equilibrium with the vertices at these positions [m], shape (n, 3)."""
         own = _in_frame(places, pose)
         heights = np.abs(own) - self._half_widths
         above = (heights > self._at).sum(axis=1)
@@ -373,10 +371,10 @@ class BoxFaces:
     def move_round(
         self, places: Points, pose: NDArray[np.void], is_pressed: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], bool]:
-        """Give what is pressed beyond an edge of its face to the face round that edge.
+        """Pass vertices pressed beyond an edge of their face to the face round that edge.
 
         Returns:
-            Which vertices, shape (n,), and whether one of them was given on before.
+            Which vertices, shape (n,), and whether one of them was passed on before.
         """
         own = _in_frame(places, pose)
         beside = np.where(self._faces != 0.0, 0.0, np.abs(own) - self._half_widths)
@@ -389,11 +387,11 @@ class BoxFaces:
         return moves, is_again
 
     def came_over_edge(self, is_pressed: NDArray[np.bool_]) -> bool:
-        """Whether what is pressed stood before no face: by which it came, only short ways tell."""
+        """Whether a pressed vertex stood before no face; only short steps show where it came in."""
         return bool((is_pressed & ~(self._kept != 0.0).any(axis=1)).any())
 
     def _by_way(self, own: Points) -> Points:
-        """Own face; of one that has none, the plane it crossed last on the way to a place."""
+        """A vertex' own face; if it has none, the plane that it crossed last on its way."""
         signs = np.where(self._begin < 0.0, -1.0, 1.0)
         first, last = (signs * x - self._half_widths for x in (self._begin, own))
         crosses = (first > self._at) & (last <= self._at)

@@ -1,4 +1,4 @@
-"""What can be wrong with a tool beside a body, with the data that shows it."""
+"""Errors of tools beside a body, each with its data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class ToolInsideError(ToolError):
         tool: Number of the tool, from 0.
         depth: How deep its deepest vertex is [m]; infinite where the tool is inside as a whole.
         allowed: How deep it may be at the start [m].
-        place: Of that vertex, or of the tool's point that is inside [m].
+        place: Position of that vertex, or of the tool's point that is inside [m].
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class ToolInsideError(ToolError):
 
 
 class ToolTooSmallError(ToolError):
-    """A tool that fits between the vertices at which contact is looked for.
+    """A tool that fits between the vertices at which contact is checked.
 
     Attributes:
         tool: Number of the tool, from 0.

@@ -1,4 +1,4 @@
-"""Rigid tools in an explicit run: settings, poses at every step, and what acts on the tools."""
+"""Rigid tools in an explicit run: settings, poses at every step, and loads on the tools."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 
-# As core/explicit/contact.hpp names them: where a tool is to be at a time, and what acts on it.
+# As in core/explicit/contact.hpp: the prescribed pose of a tool at a time, and the loads on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
 _STEP_LENGTH = TOOL_STEP.itemsize // 8
 TOOL_RECORD = np.dtype(
@@ -41,13 +41,13 @@ TOOL_RECORD = np.dtype(
         ("gap", np.float64),
     ]
 )
-# A vertex deeper than this part of the tool's half thickness may come out on the other side.
+# A vertex deeper than this fraction of the tool's half thickness may leave on the other side.
 _DEEPEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class ToolTrack:
-    """Where a tool was and what acted on it, at the output times.
+    """Position of a tool and the loads on it, at the output times.
 
     Attributes:
         positions: Of its origin [m], shape (n, 3).
@@ -57,7 +57,7 @@ class ToolTrack:
         mean_forces: Over the time since the output before [N], shape (n, 3); the first is zero.
         smallest_gaps: Of all vertices near the tool [m], shape (n,); infinite if none is near.
         stiffness: Penalty stiffness [Pa/m]; None with the constraint.
-        largest_speed: Up to which nothing passes through [m/s].
+        largest_speed: Speed up to which no vertex passes through [m/s].
     """
 
     positions: Floats
@@ -140,11 +140,11 @@ class ExplicitTools:
 
     @property
     def largest_speeds(self) -> tuple[float, ...]:
-        """Of each tool, once attached, up to which nothing passes through [m/s]."""
+        """Speed of each tool up to which no vertex passes through [m/s], once attached."""
         return tuple(self._speeds)
 
     def attach(self, run: ExplicitRun, time_step: float, *, is_timed: bool) -> None:
-        """Give the tools to a run; where times are real, refuse those that are too fast."""
+        """Set the tools of a run; if its times are real, refuse tools that are too fast."""
         rest = np.ascontiguousarray(self._problem.mesh.points)
         for number, (contact, k) in enumerate(zip(self.contacts, self.stiffnesses, strict=True)):
             tool = contact.tool
@@ -169,7 +169,7 @@ class ExplicitTools:
             )
 
     def start(self, displacement: Points) -> None:
-        """Back to the tools' own paths; check where they begin."""
+        """Return to the tools' own paths; check that they begin outside of the body."""
         self._paths = [core_path(contact.tool.path) for contact in self.contacts]
         for number, contact in enumerate(self.contacts):
             require_outside(self._problem, contact, number, displacement)
@@ -177,7 +177,7 @@ class ExplicitTools:
     def goal(
         self, number: int, position: ArrayLike, rotation: ArrayLike | None
     ) -> tuple[list[float], list[float] | None]:
-        """A pose that a tool can be sent to: position [m], unit quaternion or None.
+        """Check a pose to which a tool is sent: position [m], unit quaternion or None.
 
         Raises:
             InputError: There is no such tool, it is driven by a force, or the numbers are no pose.
@@ -191,7 +191,7 @@ class ExplicitTools:
     def send(
         self, goals: dict[int, tuple[list[float], list[float] | None]], begin: float, end: float
     ) -> None:
-        """Put tools onto the straight ways from where they are at a time to goals at another.
+        """Move tools along straight lines from their poses at a time to goals at another.
 
         Raises:
             ToolTooFastError: Vertices could not follow; all of them stay on their ways then.
@@ -219,7 +219,7 @@ class ExplicitTools:
         return out.reshape(len(times), -1)
 
     def steps(self, times: Floats) -> NDArray[np.void]:
-        """The same, shape (n, num_tools) of `TOOL_STEP`."""
+        """Poses and drives at times of the run, shape (n, num_tools) of `TOOL_STEP`."""
         return self.rows(times).view(TOOL_STEP)
 
     def tracks(

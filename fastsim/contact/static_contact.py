@@ -43,7 +43,7 @@ class ContactResult:
 
     Attributes:
         times: Load parameter at the knots, shape (n,); of a tool that is driven by a force the way
-            it has gone along its line [m], 0 and where it rests.
+            along its line [m], at its start (0) and where it rests.
         displacements: [m], shape (n, num_points, 3).
         forces: On each tool [N], shape (n, num_tools, 3).
         moments: On each tool about its origin [N m], shape (n, num_tools, 3).
@@ -86,11 +86,11 @@ def solve_contact(
 
     Args:
         problem: With at least one tool, on paths; or one that is driven by a force, of which the
-            amplitude does not matter. With friction the answer depends on the steps.
-        strain: Engineering or Green strain.
+            amplitude does not matter. With friction the result depends on the steps.
+        strain: Engineering or finite strain.
         element: Plain or smoothed.
         law: Penalty or constraint; None is the constraint.
-        times: Where on the paths answers are wanted, increasing; None is every knot of a path.
+        times: Times of the paths at which results are wanted, increasing; None is every knot.
         relative_tolerance: Out-of-balance force over loads or contact forces.
         max_iterations: Newton iterations per step.
         progress: Called with one line per knot.
@@ -138,7 +138,7 @@ def solve_contact(
 
 
 class _Path:
-    """The state along the path, and what was found at its knots."""
+    """The state along the path, and the results at its knots."""
 
     def __init__(
         self, problem: Problem, newton: Newton, term: ContactTerm, form: ContactForm
@@ -154,7 +154,7 @@ class _Path:
         self._shortest_step = np.inf
 
     def load(self, time: float) -> str:
-        """Raise the loads at the first pose; return why not, if so."""
+        """Raise the loads at the first pose; return the reason of a failure, else empty."""
         self.time = float(time)
         factor, step = 0.0, 1.0
         self.term.keep(self.displacement, self._poses(self.time))
@@ -171,7 +171,7 @@ class _Path:
         return ""
 
     def press(self, end: float, span: float) -> str:
-        """Move the tools on to a time; return why not, if so."""
+        """Move the tools on to a time; return the reason of a failure, else empty."""
         step = end - self.time
         self._shortest_step = 2.0 * _SMALLEST_STEP * span
         while self.time < end:
@@ -187,7 +187,7 @@ class _Path:
         return ""
 
     def drive(self, drive: ForceDrive) -> str:
-        """Push the tool along its line until the body takes the force; return why not, if so."""
+        """Push the tool along its line to its force; return the reason of a failure, else empty."""
         contact, direction = self.term.contacts[0], np.array(drive.direction)
         lacking = drive.force - self._taken(direction)
         if lacking < 0.0:
@@ -214,7 +214,7 @@ class _Path:
                     return reason
                 continue
             self.time, lacking = way, drive.force - self._taken(direction)
-        # Regula falsi; an end that stays twice is taken for half as far off ("Illinois").
+        # Regula falsi; the value of an end that stays twice is halved ("Illinois").
         high, stayed = (self.time, lacking), 0
         for _ in range(_MOST_UPDATES):
             if abs(lacking) <= _SETTLED * drive.force:
@@ -238,7 +238,7 @@ class _Path:
         return float(self.term.vectors(self.displacement)[0].sum(axis=0) @ direction)
 
     def partial(self, stiffnesses: list[float]) -> ContactResult | None:
-        """What was found, the last equilibrium included; None before the loads act in full."""
+        """Results so far, with the last equilibrium; None before the loads act in full."""
         if not self.rows:
             return None
         if self.time > self.rows[-1][0]:
@@ -302,15 +302,15 @@ class _Path:
         return reason
 
     def _is_settled(self, displacement: Points) -> bool:
-        """Take the pushes over as multipliers, and say whether that changed nothing.
+        """Update the multipliers; return whether the change is within the tolerance.
 
-        Of a tool that only touches the multipliers are roundings, and never settle.
+        The multipliers of a tool that only just touches are rounding errors and never settle.
         """
         change, size = self.term.update_multipliers(displacement)
         return change <= max(_SETTLED * size, self.term.rounding_error(self.newton.body))
 
     def _predict(self, poses: list[NDArray[np.void]], factor: float) -> Points:
-        """About where the body is once the tools are at other poses."""
+        """Rough displacement with the tools at other poses, to start from."""
         tolerance, self.newton.tolerance = self.newton.tolerance, _ROUGH
         try:
             with self.term.going_to(poses):
@@ -323,7 +323,7 @@ class _Path:
         poses = [poses_at(c.tool.path, np.array([time]))[0] for c in self.term.contacts]
         for contact, pose in zip(self.term.contacts, poses, strict=True):
             if contact.tool.drive is not None:
-                # There time is the way along its line.
+                # Of such a tool the time is the way along its line.
                 pose["position"] += time * np.array(contact.tool.drive.direction)
         return poses
 

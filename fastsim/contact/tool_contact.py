@@ -26,7 +26,7 @@ from palpate.meshes.rigid_tool import (
     ToolShape,
 )
 
-# As core/contact/tool_shape.hpp names it: where a tool is.
+# The pose of a tool, as in core/contact/tool_shape.hpp.
 POSE = np.dtype([("position", np.float64, 3), ("rotation", np.float64, (3, 3))])
 
 
@@ -79,7 +79,7 @@ class ToolContact:
 
 
 def core_shape(shape: ToolShape) -> _core.ToolShape:
-    """A shape as the core knows it."""
+    """A shape as the core represents it."""
     match shape:
         case SphereShape():
             return _core.ToolShape.sphere(shape.radius)
@@ -103,7 +103,7 @@ def gaps_at(shape: _core.ToolShape, places: Points, pose: NDArray[np.void]) -> G
 
 
 def core_path(path: ToolPath) -> _core.ToolPath:
-    """A path as the core knows it."""
+    """A path as the core represents it."""
     return _core.ToolPath(
         *(np.array(rows, dtype=np.float64) for rows in (path.times, path.positions, path.rotations))
     )
