@@ -1,1 +1,1 @@
-"""Common ground: meshes, shapes, files and plain problem data; no mechanics."""
+"""What all rooms share: meshes, shapes, files and problems as plain data; no mechanics."""

@@ -11,15 +11,15 @@ from palpate.meshes.errors import InputError
 
 @dataclass(frozen=True)
 class TabularAmplitude:
-    """A factor given at knots, held constant before the first and after the last.
+    """A factor given at knots, constant before the first and after the last.
 
     Between knots it is linear, or, where `is_smooth`, the step 10 s^3 - 15 s^4 + 6 s^5, whose
-    first two rates vanish at the knots: what is pushed this way hardly rings.
+    first two time derivatives vanish at the knots, which excites little vibration.
 
     Args:
         times: Knots [s], increasing, at least one.
         factors: Factor at each [-], finite.
-        is_smooth: Steps without a jump of the first two rates, instead of straight lines.
+        is_smooth: Whether to use these smooth steps instead of straight lines.
 
     Raises:
         InputError: Different lengths, times that do not increase, NaN or infinity.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from palpate.meshes.errors import IndexRangeError, NonFiniteError, ShapeError
 
-# Three numbers for each of n: places, or displacements and forces there; shape (n, 3).
+# Three numbers for each of n points: positions, displacements or forces; shape (n, 3).
 Points = NDArray[np.float64]
-# Any other shape: one number each, a flat vector over the degrees of freedom, 3 x 3 matrices.
+# Of any other shape: scalars, a flat vector over the degrees of freedom, 3 x 3 matrices.
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 

@@ -1,4 +1,4 @@
-"""What is held and what is pushed, as plain data in SI units.
+"""Supports and loads as plain data in SI units, and whether they contradict each other.
 
 Each may carry an amplitude, its factor over time in dynamics; statics take it as 1. Each
 simulator turns these into its own nodal forces and constraints; no mechanics here.
@@ -27,12 +27,12 @@ def _no_facets() -> Indices:
 
 @dataclass(frozen=True)
 class Rotation:
-    """A turn about an axis through a place.
+    """A rotation about an axis through a point.
 
     Args:
-        axis: Unit vector, shape (3,); the turn is right-handed about it.
-        center: A place on the axis [m], shape (3,).
-        angle: [rad]; more than a whole turn is one.
+        axis: Unit vector, shape (3,); the rotation is right-handed about it.
+        center: A point on the axis [m], shape (3,).
+        angle: [rad]; may be more than a whole turn.
 
     Raises:
         InputError: An axis that is no unit vector, or a number that is not finite.
@@ -55,20 +55,20 @@ class Rotation:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Points held at a given displacement: by component, turned, or along a normal alone.
+    """Points with a prescribed displacement: by component, rotated, or along a normal alone.
 
     Args:
-        points: Held points, shape (n,); every vertex of `facets` is held, and named here, too.
-        facets: Held boundary facets, shape (m, 3): a quadratic solve also holds their edges.
-            Without facets only the points are held, which for a solid is a point support.
-        components: Which of x, y, z are held.
+        points: Fixed points, shape (n,); every vertex of `facets` is one and is added here.
+        facets: Fixed boundary facets, shape (m, 3): a quadratic solve also fixes their edges.
+            Without facets only the points are fixed, which for a solid is a point support.
+        components: Which of x, y, z are prescribed.
         displacement: Prescribed displacement [m], shape (3,); read where `components` is true.
         amplitude: Factor over time [-]; None is 1 at all times.
-        rotation: Turns the points besides: at a factor s of load or time a point X is moved by
-            s displacement + (R(s angle) - I)(X - center), the exact turn at every s.
-        normal: Holds the points along this direction alone, free to slide across it: a symmetry
+        rotation: Rotates the points as well: at a factor s of load or time a point X is moved by
+            s displacement + (R(s angle) - I)(X - center), the exact rotation at every s.
+        normal: Fixes the points along this direction alone, free to slide across it: a symmetry
             plane or a smooth wall at any angle. Any length; `displacement` is read along it.
-            A point on two such planes is held along both normals.
+            A point on two such planes is fixed along both normals.
 
     Raises:
         InputError: A rotation or a normal of single components, or both.
@@ -102,12 +102,12 @@ class Support:
 
     @property
     def is_moved(self) -> bool:
-        """Whether it is anywhere but at rest at full size."""
+        """Whether it prescribes a displacement other than zero at the full load."""
         return any(self.displacement) or (self.rotation is not None and self.rotation.angle != 0.0)
 
     @property
     def directions(self) -> Floats:
-        """Unit vectors along which it holds its points, shape (1 to 3, 3)."""
+        """Unit vectors along which it fixes its points, shape (1 to 3, 3)."""
         if self.normal is not None:
             along: Floats = np.array([self.normal]) / np.linalg.norm(self.normal)
             return along
@@ -119,7 +119,7 @@ class Support:
 class Traction:
     """Dead surface load: force per rest area, the same or varying over the facets.
 
-    At the rest place X it is t(X) = t0 + G X + X . C X / 2, in components
+    At the rest position X it is t(X) = t0 + G X + X . C X / 2, in components
     t_i = t0_i + G_ij X_j + C_ijk X_j X_k / 2. It is dead: a point of the face keeps its force,
     in size and in direction, however the body moves or turns.
 
@@ -162,7 +162,7 @@ class Traction:
         return self.gradient is None and self.curvature is None
 
     def at(self, points: Points) -> Points:
-        """Force per rest area at rest places [Pa]; (..., 3) for (..., 3)."""
+        """Force per rest area at rest positions [Pa]; shape (..., 3) for (..., 3)."""
         values = np.broadcast_to(np.asarray(self.traction, dtype=np.float64), points.shape)
         if self.gradient is not None:
             values = values + points @ self.gradient.T
@@ -193,7 +193,7 @@ class Pressure:
 
 @dataclass(frozen=True, eq=False)
 class PointForce:
-    """Forces on single points (singular in the continuum limit: no truth to converge to).
+    """Forces on single points (singular in the continuum: no limit to converge to).
 
     Args:
         points: Loaded points, shape (n,).
@@ -231,24 +231,21 @@ class BodyForce:
 Load: TypeAlias = Traction | Pressure | PointForce | BodyForce
 
 
-# Whether a problem's supports and loads can be: one place for a point, facets on the boundary.
-#
-# Geometry only. Every simulator takes both for granted.
+# Checks that every simulator relies on: supports agree on each point, facets lie on the boundary.
 
-
-# Places that are nearer, of the largest displacement that is prescribed, are one.
+# Displacements closer than this fraction of the largest prescribed one are equal.
 _AGREE = 1e-9
-# Of unit normals: singular values below which two directions are one.
+# Singular values of unit normals below which two directions count as one.
 _ONE_DIRECTION = 1e-8
 
 
 def require_boundary_facets(mesh: TetMesh, facets: Indices, what: str) -> None:
-    """Refuse facets inside the body, and copies.
+    """Refuse facets inside the body, and facets given twice.
 
     Args:
         mesh: The body.
-        facets: Points that it has, shape (n, 3), in any order of corners.
-        what: "load 2": for the message.
+        facets: Rows of points of the mesh, shape (n, 3), in any order of corners.
+        what: Name for the message, such as "load 2".
 
     Raises:
         FacetNotOnBoundaryError: With the guilty rows.
@@ -267,15 +264,15 @@ def require_boundary_facets(mesh: TetMesh, facets: Indices, what: str) -> None:
 
 
 def require_agreement(mesh: TetMesh, supports: Sequence[Support], end_time: float | None) -> None:
-    """Refuse supports that want a point at different places along one direction.
+    """Refuse supports that prescribe different displacements of a point along one direction.
 
-    Looked at under the full load, where a support turns at half of it too, and in a motion at
-    every knot of the supports' amplitudes and half-way between.
+    Checked under the full load, and at half of it where a support rotates; in a motion at every
+    knot of the supports' amplitudes and half-way between.
 
     Args:
         mesh: At rest [m].
         supports: All of them.
-        end_time: Of a motion [s]; None in statics.
+        end_time: End of a motion [s]; None in statics.
 
     Raises:
         DisagreeingSupportsError: With the points and both supports.
@@ -299,7 +296,7 @@ def require_agreement(mesh: TetMesh, supports: Sequence[Support], end_time: floa
 def _clash(
     places: Points, points: NDArray[np.int64], supports: Sequence[Support], factors: Sequence[float]
 ) -> tuple[list[int], tuple[int, int], str, tuple[float, float]] | None:
-    """The points, the two supports, along what, and where each wants the first point [m]."""
+    """The points, the two supports, the direction, and what each prescribes for the first [m]."""
     held = [np.isin(points, support.points) for support in supports]
     moved = [placed(s, places, factor) for s, factor in zip(supports, factors, strict=True)]
     sizes = [np.abs(move[here]).max(initial=0.0) for move, here in zip(moved, held, strict=True)]
@@ -327,7 +324,7 @@ def _slanted_clash(
     moved: Sequence[Points],
     slack: float,
 ) -> tuple[list[int], tuple[int, int], str, tuple[float, float]] | None:
-    """Directions of a point that have no common solution: the first support that breaks it."""
+    """As `_clash` for slanted normals: the first support whose condition cannot be met as well."""
     found: dict[tuple[int, int], list[int]] = {}
     shown: dict[tuple[int, int], tuple[str, tuple[float, float]]] = {}
     for row, point in enumerate(points.tolist()):
@@ -362,7 +359,7 @@ def _slanted_clash(
 
 
 def placed(support: Support, points: Points, factor: float) -> Points:
-    """Where a support wants rest places at a part of its full size: displacements [m], (n, 3)."""
+    """Displacements [m] that a support prescribes at a factor of its full size, (n, 3)."""
     wanted: Points = np.tile(factor * np.array(support.displacement), (len(points), 1))
     turn = support.rotation
     if turn is not None:
@@ -376,7 +373,7 @@ def placed(support: Support, points: Points, factor: float) -> Points:
 def _moments(
     supports: Sequence[Support], end_time: float | None
 ) -> Iterator[tuple[float | None, list[float]]]:
-    """Times, and the factor of each support there; in statics parts of the load."""
+    """Times, and the factor of each support then; in statics fractions of the load."""
     if end_time is None:
         yield None, [1.0] * len(supports)
         if any(support.rotation is not None for support in supports):

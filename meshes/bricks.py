@@ -24,7 +24,7 @@ def brick_box(
     Args:
         divisions: Bricks along x, y, z.
         size: Edge lengths [m].
-        ragged: How far interior points are moved, in brick sizes, 0 to 0.3; always the same way.
+        ragged: How far interior points are moved, in brick sizes, 0 to 0.3; the same on every call.
     """
     axes = [np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -47,7 +47,7 @@ def brick_box(
 
 
 def side(mesh: TetMesh, axis: int, place: float) -> Indices:
-    """Boundary facets whose corners all lie at a place along an axis [m], shape (n, 3)."""
+    """Boundary facets whose corners all lie at a coordinate `place` [m] of an axis, (n, 3)."""
     facets = mesh.boundary_facets
     distance = np.abs(mesh.points[facets][:, :, axis] - place)
     found: Indices = facets[(distance <= 1e-9 * np.ptp(mesh.points[:, axis])).all(axis=1)]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 
 def first_of(items: Sequence[object], limit: int = 5) -> str:
-    """Show the first few entries of a list of guilty things."""
+    """The first few entries of a list, as text for a message."""
     shown = ", ".join(str(item) for item in items[:limit])
     return shown if len(items) <= limit else f"{shown} and {len(items) - limit} more"
 
@@ -35,9 +35,9 @@ class FileFormatError(InputError):
 
 
 class DisagreeingSupportsError(InputError):
-    """Two supports want a point at different places; `.points` and `.supports` (from 1) say which.
+    """Supports prescribe different displacements of a point: `.points`, `.supports` (from 1).
 
-    `.time` is when [s]; None in statics.
+    `.time` is the time of it [s]; None in statics.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""Surface loads that vary over a face, from what people say of them: values, a profile, a moment.
+"""Surface loads that vary over a face, given by values at points, by a profile or by a moment.
 
-Geometry only: each gives a `Traction` of degree 0 to 2 in the rest place, which every simulator
+Each function gives a `Traction` of degree 0 to 2 in the rest position, which every simulator
 turns into nodal forces of its own.
 """
 
@@ -19,16 +19,16 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.triangles import facet_areas, facet_normals
 
-# Values that are this near to an affine field, of their largest, are one.
+# Values within this fraction of the largest from an affine field count as affine.
 _AFFINE = 1e-9
-# Normals of one plane differ by no more [degrees]: what files in single precision leave.
+# Normals of one plane differ by at most this angle [degrees]: rounding of single precision.
 _FLAT_DEG = 0.01
-# Directions in which the places reach no farther than this part of their extent do not count.
+# Directions in which the points extend over less than this fraction of their size are ignored.
 _FLAT = 1e-9
 
 
 class Profile(StrEnum):
-    """How a traction goes along a line from one place to another; across it, it stays.
+    """How a traction varies along a line between two points; across the line it is constant.
 
     With s from 0 to 1 along the line: 1, s, and 4 s (1 - s), which is 1 half-way. Hydrostatic: with
     the depth below a free surface (`hydrostatic_traction`).
@@ -46,10 +46,10 @@ def affine_traction(
     values: ArrayLike,
     amplitude: TabularAmplitude | None = None,
 ) -> Traction:
-    """The traction that is affine in the rest place and has given values at some places.
+    """The traction that is affine in the rest position and has given values at some points.
 
-    One place gives a uniform traction, two one that varies along their line, three one that
-    varies in their plane: it stays the same where the places say nothing.
+    One point gives a uniform traction, two one that varies along their line, three one that
+    varies in their plane; it is constant in the directions that the points do not span.
 
     Args:
         facets: Loaded boundary facets, shape (m, 3).
@@ -58,7 +58,7 @@ def affine_traction(
         amplitude: Factor over time [-].
 
     Raises:
-        InputError: Not 1 to 4 places, or values that no affine field has.
+        InputError: Not 1 to 4 points, or values that no affine field has.
 
     >>> import palpate
     >>> from palpate.meshes.face_loads import affine_traction
@@ -97,21 +97,21 @@ def profile_traction(
     end: ArrayLike,
     amplitude: TabularAmplitude | None = None,
 ) -> Traction:
-    """A traction that follows a named profile along a line and stays the same across it.
+    """A traction that follows a named profile along a line and is constant across it.
 
     Args:
         facets: Loaded boundary facets, shape (m, 3).
-        peak: Where the profile is 1 [Pa], shape (3,).
+        peak: Traction where the profile is 1 [Pa], shape (3,).
         profile: See `Profile`.
-        start: Where s = 0 [m], shape (3,).
-        end: Where s = 1 [m], shape (3,).
+        start: Point with s = 0 [m], shape (3,).
+        end: Point with s = 1 [m], shape (3,).
         amplitude: Factor over time [-].
 
     Raises:
-        InputError: Start and end are the same place, or the hydrostatic profile, which has none.
+        InputError: Start and end are the same point, or the hydrostatic profile, which has none.
 
     Note:
-        Beyond start and end the same polynomial goes on: a parabola turns its sign there.
+        Beyond start and end the same polynomial continues: a parabola changes its sign there.
     """
     if profile is Profile.HYDROSTATIC:
         raise InputError("the hydrostatic profile follows a depth; see hydrostatic_traction")
@@ -144,9 +144,9 @@ def hydrostatic_traction(
     free_surface: ArrayLike,
     amplitude: TabularAmplitude | None = None,
 ) -> Traction:
-    """The pressure of a liquid at rest on a flat face, t = -rho (g . (X - X0)) N at the rest place.
+    """The pressure of a liquid at rest on a flat face, t = -rho (g . (X - X0)) N at rest.
 
-    N is the face's outward normal at rest, X0 a place on the free surface, where the pressure is 0.
+    N is the face's outward normal at rest, X0 a point on the free surface, where the pressure is 0.
 
     Args:
         mesh: Rest mesh [m].
@@ -161,7 +161,7 @@ def hydrostatic_traction(
             not above 0, or no gravity.
 
     Note:
-        Dead, as every traction: it stays normal to the face at rest, and at the depth there.
+        Dead, as every traction: direction and depth are those of the face at rest.
     """
     g = np.asarray(gravity, dtype=np.float64)
     level = np.asarray(free_surface, dtype=np.float64)
@@ -202,7 +202,7 @@ def moment_traction(
     moment: ArrayLike,
     amplitude: TabularAmplitude | None = None,
 ) -> Traction:
-    """The traction a x (X - c) that has a given moment and no force in all.
+    """The traction a x (X - c) that has a given moment and no resultant force.
 
     With c the centroid of the face and J = integral of |r|^2 I - r r^T over its area, r = X - c,
     its second moments, a = J^-1 M. For a moment along a face's normal that is the stress of

@@ -1,4 +1,4 @@
-"""Sizes of fields and of changes that relative errors are divided by."""
+"""Norms of fields, and sizes of changes, by which relative errors are divided."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.tet_mesh import TetMesh
 
-# Where a body hardly changes volume or area, errors are scaled by this part of the rest value
-# instead: a change below it is not what such a check is about.
+# Where a body hardly changes volume or area, errors are divided by this fraction of the rest
+# value instead.
 SMALLEST_CHANGE = 1e-3
 
-# Cells of all fields that are summed up at once: bounds the memory.
+# Cells of all fields that are summed at once; limits the memory.
 _AT_ONCE = 100_000
 
 
@@ -25,12 +25,12 @@ def l2_norm(mesh: TetMesh, displacement: Points) -> float:
 
 
 def l2_norms(mesh: TetMesh, displacements: Floats) -> Floats:
-    """The same of many fields, (n, num_points, 3), such as those of a motion: shape (n,)."""
+    """`l2_norm` of many fields, (n, num_points, 3), such as the states of a motion: (n,)."""
     squared = np.empty(len(displacements))
     at_once = max(1, _AT_ONCE // mesh.num_cells)
     for start in range(0, len(displacements), at_once):
         fields = displacements[start : start + at_once]
-        # Corner by corner, so that what is held is one field's corners, not four.
+        # Corner by corner, so that only one corner's values are in memory, not those of four.
         total = np.zeros((len(fields), mesh.num_cells, fields.shape[2]))
         sums = np.zeros((len(fields), mesh.num_cells))
         for corner in mesh.cells.T:
@@ -44,7 +44,7 @@ def l2_norms(mesh: TetMesh, displacements: Floats) -> Floats:
 
 
 def l2_gradient(mesh: TetMesh, displacement: Points) -> Points:
-    """Derivative of `l2_norm` by each point's value, shape (num_points, 3); 0 for a field of 0."""
+    """Derivative of `l2_norm` by each point's value, (num_points, 3); 0 for the zero field."""
     corners = displacement[mesh.cells]
     weighted = corners + corners.sum(axis=1, keepdims=True)
     gradient = np.zeros_like(displacement)
@@ -53,5 +53,5 @@ def l2_gradient(mesh: TetMesh, displacement: Points) -> Points:
 
 
 def size_of_change(value: float, rest: float) -> float:
-    """Size of a change from a rest value, but not less than 0.1 % of that."""
+    """Absolute change from a rest value, but at least 0.1 % of the rest value."""
     return max(abs(value - rest), SMALLEST_CHANGE * rest)

@@ -1,7 +1,7 @@
-"""Surfaces and meshes in files, by meshio; refuses what its readers let through.
+"""Surfaces and meshes in files, read and written by meshio, with the checks that it lacks.
 
 meshio 5 lets NaN and out-of-range indices pass, raises SystemExit on damaged XML and asks for
-any amount of memory a header claims. All of that ends here as a FileFormatError with one line.
+any amount of memory a header claims. Here all of that is a FileFormatError of one line.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
 MESH_SUFFIXES = (".msh", ".vtk", ".vtu")
 
-# What the arrays of a file may take: five million cells with some fields.
+# Memory that the arrays of a file may take: five million cells with some fields.
 MOST_BYTES = 512 * 1024**2
-# What a reader may take beside: it makes Python lists of text, and holds arrays several times.
+# Memory for the reader besides: it makes Python lists of text and copies arrays several times.
 _SPARE_BYTES, _PER_FILE_BYTE, _PER_UNPACKED_BYTE = 256 * 1024**2, 64, 6
 
 _DATA_SECTION = re.compile(rb"^\$(?:Node|Element)Data[ \t]*\r?\n", re.MULTILINE)
@@ -55,12 +55,12 @@ def read_surface(
     Args:
         path: STL, OBJ, PLY, OFF, MSH, VTK or VTU; of a volume mesh, its triangles are read.
         scale: Metres per unit of the file (0.001 for millimetres).
-        tell: Called with one line for each thing worth knowing: points left out, pairs of points
-            that are nearly the same place.
-        given: Called with the points as they stand in the file, for `in_file_unit`.
+        tell: Called with one line of text for each remark: points left out, pairs of points that
+            nearly coincide.
+        given: Called with the points as they are in the file, for `in_file_unit`.
 
     Returns:
-        The surface [m], points of one place merged.
+        The surface [m], equal points merged.
 
     Raises:
         FileFormatError: Missing, damaged, of another kind, or without triangles.
@@ -83,11 +83,11 @@ def read_surface(
 
 
 def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
-    """Coordinates in the unit of a file that was read: those that stood there are bit for bit so.
+    """Coordinates in the unit of a file that was read; its own points come back bit for bit.
 
     Args:
         points: [m], shape (num_points, 3).
-        given: As they stood in the file, shape (num_given, 3); None where there was none.
+        given: Points as they were in the file, shape (num_given, 3); None without a file.
         scale: Metres per unit of the file.
     """
     own: Points = points / scale
@@ -95,7 +95,7 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
         return own
     both = np.vstack([_scaled(given, scale), points]) + 0.0
     _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    # Of equal places the first is the file's, where it has one.
+    # Of equal points the first is the file's, where it has one.
     source = first[inverse.reshape(-1)[len(given) :]]
     is_given = source < len(given)
     own[is_given] = given[source[is_given]]
@@ -169,11 +169,11 @@ def write_mesh(
         mesh: The mesh.
         point_data: Fields by name, first dimension num_points.
         cell_data: Fields by name, first dimension num_cells.
-        groups: Whether its groups are written too, without fields then; `read_mesh` brings them
-            back.
+        groups: Whether its groups are written too, instead of the fields; `read_mesh` restores
+            them.
 
     Raises:
-        InputError: A name of two groups, or, in MSH, a cell in two.
+        InputError: Two groups of one name, or, in MSH, a cell in two groups.
     """
     suffix = _known_suffix(path, MESH_SUFFIXES)
     out = meshio.Mesh(
@@ -190,11 +190,11 @@ def write_mesh(
 def read_answer(
     path: str | Path, *, most_bytes: int = MOST_BYTES
 ) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Points, tetrahedra and fields on both, as they stand: nothing is checked but the kind.
+    """Points, tetrahedra and fields on both, as in the file: only the kind of file is checked.
 
     Args:
         path: VTU, VTK or MSH.
-        most_bytes: What the arrays of a VTU file may take when unpacked.
+        most_bytes: Most memory of the arrays of a VTU file when unpacked [bytes].
 
     Returns:
         Points, (num_points, 3); tetrahedra, (num_cells, 4), or (0, 0) where there are none;
@@ -223,7 +223,7 @@ def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
 
 
 def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES) -> Any:
-    """Read by meshio with every way it can fail turned into a FileFormatError."""
+    """Read by meshio; every kind of failure becomes a FileFormatError."""
     file = Path(path)
     suffix = _known_suffix(file, known)
     with open_plain(file, most_bytes=4 * most_bytes) as stream:
@@ -234,7 +234,7 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
     unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
     room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:
-        # The readers chat on stdout and stderr, and end the process on damaged XML.
+        # The readers print on stdout and stderr, and end the process on damaged XML.
         with (
             contextlib.redirect_stdout(io.StringIO()),
             contextlib.redirect_stderr(io.StringIO()),
@@ -256,7 +256,7 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
 
 
 def _says_more_than_it_holds(text: bytes) -> bool:
-    """Of gmsh's data sections: meshio counts their lines down past a file's end, for ever."""
+    """Whether a data section of gmsh is cut off: meshio would read on past its end for ever."""
     for section in _DATA_SECTION.finditer(text):
         lines, at = text[section.end() :].splitlines(), 0
         for _ in ("text", "real", "whole"):
@@ -272,7 +272,7 @@ def _cells_of(data: Any, kind: str) -> NDArray[Any]:
 
 
 def _refuse_other_cells(path: str | Path, data: Any, allowed: set[str]) -> None:
-    """A part made of quads or hexahedra must not vanish without a word."""
+    """Refuse quads or hexahedra: a part of the body must not be left out without an error."""
     other = {block.type for block in data.cells} - _HARMLESS - allowed
     if other:
         raise FileFormatError(
@@ -289,7 +289,7 @@ def _scaled(points: NDArray[Any], scale: float) -> Points:
 
 @contextlib.contextmanager
 def _named(path: str | Path) -> Any:
-    """Put the file's name in front of what the mesh classes find wrong."""
+    """Put the file's name in front of the messages of the mesh classes."""
     try:
         yield
     except MeshError as error:
@@ -300,7 +300,7 @@ def _named(path: str | Path) -> Any:
 def _write(path: str | Path, suffix: str, mesh: Any) -> None:
     with atomic_path(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         if suffix == ".msh":
-            # Physical groups without geometry's entities are for 2.2 alone.
+            # Only version 2.2 has physical groups without entities of a geometry.
             version = "2.2" if mesh.field_data else "4.1"
             meshio.gmsh.write(temporary, mesh, version, binary=True)
         elif suffix in (".vtu", ".vtk", ".ply", ".stl"):

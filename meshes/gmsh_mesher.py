@@ -1,6 +1,9 @@
 """An independent mesher: gmsh fills a closed surface, keeping its facets.
 
-gmsh runs in a process of its own, with a time limit: it aborts or hangs on some bad input.
+gmsh runs in a process of its own, with a time limit, since it aborts or hangs on some bad input.
+Before that, different shells of the surface are checked not to cross, in rounding arithmetic;
+shells that merely touch, and a shell that crosses itself, need exact predicates: see
+`palpate.fastsim.mesher`.
 """
 
 from __future__ import annotations
@@ -24,9 +27,12 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
 from palpate.meshes.triangles import Integers, edge_uses
 
+# Edges times facets per block: limits the memory to some 100 MB.
+_BLOCK = 500_000
+
 
 class MesherFailedError(MeshError):
-    """The mesher gave no usable mesh; the message says what it said."""
+    """The mesher gave no usable mesh; the message contains its own."""
 
 
 def mesh_with_gmsh(
@@ -92,7 +98,7 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
         gmsh.option.setNumber("Mesh.Algorithm3D", 1)
         gmsh.option.setNumber("Mesh.Optimize", 1)
         gmsh.option.setNumber("Mesh.OptimizeNetgen", 1)
-        # Sizes come from the surface's own edges, not from points or curvature.
+        # Sizes come from the edges of the surface, not from points or curvature.
         gmsh.option.setNumber("Mesh.MeshSizeMax", 1.3 * edge_length)
         used = np.unique(facets)
         shells = find_shells(TriSurface(points, facets))
@@ -106,7 +112,7 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
         for which, shell in enumerate(shells):
             if shell.kind is ShellKind.CAVITY:
                 continue
-            # Its own cavities lie in it and in what it lies in, and in nothing else.
+            # Its cavities lie in it and in the shells around it, and in no other shell.
             nest = {which, *shell.around}
             holes = [k for k, other in enumerate(shells) if set(other.around) == nest]
             gmsh.model.geo.addVolume([which + 1, *(k + 1 for k in holes)])
@@ -130,42 +136,8 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
     return place[order], renumber[cells].astype(np.int32)
 
 
-def _main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("source")
-    parser.add_argument("target")
-    parser.add_argument("--edge-length", type=float)
-    arguments = parser.parse_args()
-    with np.load(arguments.source) as stored:
-        points, facets = stored["points"], stored["facets"]
-    try:
-        filled_points, cells = _fill(points, facets, arguments.edge_length)
-    except ImportError as error:
-        print(f"gmsh is not installed ({error}); pip install gmsh", file=sys.stderr)
-        return 3
-    except Exception as error:  # gmsh raises plain Exception with its last message
-        print(str(error) or type(error).__name__, file=sys.stderr)
-        return 4
-    np.savez(arguments.target, points=filled_points, cells=cells)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(_main())
-
-
-# Do different shells of a surface cross? By rounding arithmetic, for the independent mesher.
-#
-# Shells that merely touch, and a shell that crosses itself, take exact predicates: see
-# `palpate.fastsim.mesher`.
-
-
-# Edges times facets per block: bounds the memory to some 100 MB.
-_BLOCK = 500_000
-
-
 def require_apart(surface: TriSurface, shells: Sequence[Shell]) -> None:
-    """Refuse shells of which an edge of one pierces a facet of another.
+    """Refuse shells where an edge of one pierces a facet of another.
 
     Args:
         surface: Closed.
@@ -225,3 +197,27 @@ def _pierces(points: Points, edges: Integers, facets: Indices) -> NDArray[np.boo
     is_through = (np.minimum.reduce(turns) > 0.0) | (np.maximum.reduce(turns) < 0.0)
     found: NDArray[np.bool_] = (ends < 0.0) & is_through
     return found
+
+
+def _main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("source")
+    parser.add_argument("target")
+    parser.add_argument("--edge-length", type=float)
+    arguments = parser.parse_args()
+    with np.load(arguments.source) as stored:
+        points, facets = stored["points"], stored["facets"]
+    try:
+        filled_points, cells = _fill(points, facets, arguments.edge_length)
+    except ImportError as error:
+        print(f"gmsh is not installed ({error}); pip install gmsh", file=sys.stderr)
+        return 3
+    except Exception as error:  # gmsh raises plain Exception with its last message
+        print(str(error) or type(error).__name__, file=sys.stderr)
+        return 4
+    np.savez(arguments.target, points=filled_points, cells=cells)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

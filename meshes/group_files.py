@@ -16,14 +16,14 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 
-# meshio's cells of each kind of group, and gmsh's dimension of them.
+# meshio's name of the cells of each kind of group, and their dimension in gmsh.
 _KINDS = {"facet": ("triangle", 2), "point": ("vertex", 0), "cell": ("tetra", 3)}
 _Rows = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class Groups:
-    """By name: facets (n, 3) and points (n,) as in the file, cells (n,) among its tetrahedra."""
+    """Groups by name: facets (n, 3), points (n,) as in the file, cells (n,) of its tetrahedra."""
 
     facets: dict[str, _Rows]
     points: dict[str, _Rows]
@@ -31,7 +31,7 @@ class Groups:
 
 
 def groups_in(data: Any) -> Groups:
-    """Groups in what meshio has read."""
+    """Groups in a mesh that meshio has read."""
     found = {kind: _named(data, kind) for kind in _KINDS}
     points = [block.data for block in data.cells]
     sizes = [len(block.data) if block.type == "tetra" else 0 for block in data.cells]
@@ -52,7 +52,7 @@ def groups_in(data: Any) -> Groups:
 
 
 def _named(data: Any, kind: str) -> dict[str, list[tuple[int, _Rows]]]:
-    """Blocks and rows in them of each group of a kind."""
+    """Of each group of a kind, the blocks of cells and the rows in them."""
     cells, dimension = _KINDS[kind]
     blocks = [(k, block) for k, block in enumerate(data.cells) if block.type == cells]
     rows: dict[str, list[tuple[int, _Rows]]] = {}
@@ -62,7 +62,7 @@ def _named(data: Any, kind: str) -> dict[str, list[tuple[int, _Rows]]]:
             rows.setdefault(name, []).append((block, chosen))
 
     for name, sets in data.cell_sets.items():
-        # meshio puts what bounds gmsh's entities among the names.
+        # meshio adds the bounding entities of gmsh to the names.
         for k, _ in () if name.startswith("gmsh:") else blocks:
             add(name, k, np.asarray([] if sets[k] is None else sets[k], dtype=np.int64))
     physical = data.cell_data.get("gmsh:physical")
@@ -105,15 +105,16 @@ def without_lower_points(data: Any, cells: _Rows, groups: Groups) -> tuple[Point
 
 
 def with_groups(mesh: Any, body: TetMesh, *, suffix: str) -> Any:
-    """A mesh for meshio with triangles and vertices for groups; what is in two is there twice.
+    """A mesh for meshio with triangles and vertices for groups; an item in two groups twice.
 
     Args:
-        mesh: Of the body's tetrahedra alone.
-        body: Whose groups are written.
-        suffix: Of the file: .msh has physical groups, others fields.
+        mesh: The body's tetrahedra for meshio.
+        body: The mesh whose groups are written.
+        suffix: Suffix of the file: .msh has physical groups, others fields.
 
     Raises:
-        InputError: A name of two groups, which readers do not tell apart, or a cell in two of MSH.
+        InputError: Two groups of one name, which readers do not distinguish, or in MSH a cell in
+            two groups.
     """
     groups: dict[str, Mapping[str, _Rows]] = {
         "facet": body.facet_groups,
@@ -146,8 +147,8 @@ def with_groups(mesh: Any, body: TetMesh, *, suffix: str) -> Any:
             for name in of_kind
         }
         return meshio.Mesh(mesh.points, blocks, cell_data=fields, field_data=about)
-    # VTU and VTK know no names of groups: a field of ones stands for one. VTK's old format allows
-    # no space in a name.
+    # VTU and VTK have no named groups: a field of ones and zeros stands for each. VTK's old format
+    # allows no space in a name.
     safe = "" if suffix == ".vtk" else " "
     fields = {}
     for kind, of_kind in groups.items():
@@ -160,7 +161,7 @@ def with_groups(mesh: Any, body: TetMesh, *, suffix: str) -> Any:
 
 
 def _tags(count: int, groups: Mapping[str, _Rows], number: Mapping[str, int]) -> _Rows:
-    """The number of each item's group, 0 without one."""
+    """Number of the group of each item, 0 without a group."""
     tags = np.zeros(count, dtype=np.int32)
     for name, rows in groups.items():
         if tags[rows].any():

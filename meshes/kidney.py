@@ -20,9 +20,9 @@ def shape_kidney(*, edge_length: float, volume: float = KIDNEY_VOLUME) -> TriSur
     """A kidney-shaped closed surface of exactly the given volume.
 
     The long axis is z (upper pole at +z, a little fuller), the hilum faces -x, y is the
-    thickness; the poles lean towards the hilum. No mirror symmetry, so that a mirrored answer
-    can be seen. About 143 x 77 x 61 mm at the default volume (a large
-    kidney: that is the paper's volume); area about 26 400 mm2.
+    thickness; the poles lean towards the hilum. No mirror symmetry, so that a mirrored
+    solution shows. About 143 x 77 x 61 mm at the default volume (a large kidney: the volume is
+    the paper's); area about 26 400 mm2.
 
     Args:
         edge_length: Wanted edge length [m], > 0 and at most a fifth of the length of the body.
@@ -64,7 +64,7 @@ def _kidney_points(directions: Points) -> Points:
 
 
 def _rings_on_sphere(spacing: float) -> tuple[Points, Indices]:
-    """Rings of points along the long axis, as dense as the mapped rings are long."""
+    """Rings of points along the long axis; their number of points follows the mapped length."""
     fine = np.linspace(0.0, np.pi, 721)
     around = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
     grid = np.stack(
@@ -101,7 +101,7 @@ def _direction(polar: Floats, around: Floats) -> Points:
 
 
 def _relax(directions: Points, facets: Indices, passes: int = 60) -> tuple[Points, Indices]:
-    """Even out the triangles: slide each point along the surface to its neighbours' centre.
+    """Even out the triangles: move each point along the surface towards its neighbours' centre.
 
     The step is taken in the tangent plane of the sphere by least squares on the map's
     derivative, so every point stays on the surface; edges are flipped to Delaunay in between.

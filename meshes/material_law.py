@@ -1,8 +1,8 @@
-"""Elastic laws by name, for finite strain; under linear strain all of them are Hooke's.
+"""Elastic laws by name, and materials; under linear strain every law is Hooke's.
 
-Written in F, C = F^T F, J = det F, I = tr C and II = (I^2 - tr C^2) / 2. Every law is named with
-the moduli that it has at rest: Young's modulus and Poisson's ratio, or Lamé's lmbda and mu of
-them. For small strains and turns all agree.
+Written in F, C = F^T F, J = det F, I = tr C and II = (I^2 - tr C^2) / 2. The moduli of every law
+are those at rest: Young's modulus and Poisson's ratio, or Lamé's lmbda and mu of them. For small
+strains and rotations all laws agree.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate.meshes.errors import InputError
 
 
 class Law(StrEnum):
-    """An isotropic elastic law: what a body's energy W is made of, by volume at rest [J/m3].
+    """An isotropic elastic law: the strain energy W per volume at rest [J/m3].
 
     SAINT_VENANT_KIRCHHOFF: W = lmbda/2 tr(E)^2 + mu E : E, E = (C - I) / 2. Softens below a
         stretch of 1/sqrt(3) = 0.577 and lets cells turn inside out: for large turns, small strains.
@@ -101,7 +101,7 @@ _LARGEST_EXPONENT = 50.0
 def checked_terms(
     law: Law, given: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
-    """Ogden's terms, each a part of the shear modulus and an exponent; see `Material`."""
+    """Ogden's terms, each a fraction of the shear modulus and an exponent; see `Material`."""
     terms = tuple((float(share), float(alpha)) for share, alpha in given)
     if (law is Law.OGDEN) != bool(terms) or len(terms) > 3:
         raise InputError(
@@ -120,7 +120,7 @@ def checked_terms(
 
 
 def moduli_of(mu: float, bulk_modulus: float) -> tuple[float, float]:
-    """Young's modulus and Poisson's ratio of a shear and a bulk modulus, which has to be > 0."""
+    """Young's modulus [Pa] and Poisson's ratio from the shear and the bulk modulus [Pa], > 0."""
     if not (math.isfinite(bulk_modulus) and bulk_modulus > 0.0):
         raise InputError(f"bulk_modulus = {bulk_modulus:g} Pa: needs a finite value above 0")
     denominator = 3.0 * bulk_modulus + mu
@@ -138,12 +138,12 @@ class Material:
         youngs_modulus: At rest [Pa], > 0.
         poissons_ratio: At rest [-], between -1 and 0.5, both excluded.
         density: At rest [kg/m3], > 0.
-        law: With Green strain; with linear strain every law is Hooke's.
-        c01: Of the second invariant [Pa], for laws that have it alone; `mooney_rivlin` takes the
-            three constants that the law is written with.
-        ogden_terms: Of Law.OGDEN alone, one to three: the term's part of mu, mu_p alpha_p / (2 mu),
-            all of which add up to 1, and its exponent alpha_p; `ogden` takes what the law is
-            written with.
+        law: Law under finite strain; under linear strain every law is Hooke's.
+        c01: Constant of the second invariant [Pa], only for laws that have one; `mooney_rivlin`
+            takes the three constants that the law is written with.
+        ogden_terms: Only for Law.OGDEN, one to three: the term's fraction of mu,
+            mu_p alpha_p / (2 mu), all of which add up to 1, and its exponent alpha_p; `ogden`
+            takes the constants that the law is written with.
 
     Raises:
         InputError: A value outside its range.

@@ -1,4 +1,4 @@
-"""A mechanical problem as plain data: what every simulator is given, in SI units."""
+"""A mechanical problem as plain data in SI units, the input of every simulator."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class Strain(StrEnum):
 class Element(StrEnum):
     """Linear tetrahedra: plain (the paper's), or with strains smoothed over edges and nodes.
 
-    Both have the same points and the same unknowns. A case does not say which: whoever solves it
-    does. Smoothing goes over cells of the same elastic constants only (Young's modulus and
-    Poisson's ratio): where other ones meet at an edge or a node, each has an average of its own.
+    Both have the same points and the same unknowns. The element is chosen when a case is solved,
+    not in the case. Smoothing averages cells of the same elastic constants only (Young's modulus
+    and Poisson's ratio): where others meet at an edge or a node, each has an average of its own.
 
     >>> import palpate
     >>> palpate.Element("smoothed")
@@ -84,8 +84,8 @@ class TimeSpan:
         num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
         stiffness_damping: beta of a viscous stress S_v = beta C : dE/dt besides the law's [s], >= 0
             (Kelvin and Voigt's solid), C Hooke's at rest, E the strain measure. For small strains
-            D = beta K, Rayleigh's: a mode omega has the damping ratio beta omega / 2. No turn is
-            damped, however large, and no law of the material enters.
+            D = beta K, Rayleigh's: a mode omega has the damping ratio beta omega / 2. Rotations are
+            not damped, however large, and the material's law does not matter.
 
     >>> import palpate
     >>> palpate.TimeSpan(end_time=0.5, mass_damping=4.0).num_outputs
@@ -119,7 +119,7 @@ class TimeSpan:
 class InitialVelocity:
     """Velocity at the start of a motion, that of a rigid body: v + omega x (X - c).
 
-    Held components start as their supports do, whatever it says.
+    Fixed components start with the motion of their supports instead.
 
     Args:
         velocity: v, at the center [m/s], shape (3,).
@@ -144,7 +144,7 @@ class InitialVelocity:
             raise InputError(f"an initial velocity needs finite numbers, got {self}")
 
     def at(self, points: Points) -> Points:
-        """At rest places [m/s], (n, 3)."""
+        """Velocity [m/s] at rest positions [m], both of shape (n, 3)."""
         turning = np.cross(self.angular_velocity, points - np.array(self.center))
         velocity: Points = turning + np.array(self.velocity)
         return velocity
@@ -156,23 +156,23 @@ class Problem:
 
     Args:
         mesh: At rest, points [m].
-        material: Of the whole body but its inclusions.
-        supports: What is held.
-        loads: What pushes.
-        time: Of a motion; None asks for equilibrium.
-        tools: Rigid bodies that press.
+        material: Material of the whole body except its inclusions.
+        supports: Where and how the body is fixed or moved.
+        loads: Forces on the body.
+        time: Time axis of a motion; None asks for static equilibrium.
+        tools: Rigid bodies that press on the body.
         inclusions: Cells of other materials.
-        initial_velocity: Of a motion; None starts from rest.
-        springs: What pulls at a patch of the surface by a spring with a moved anchor.
+        initial_velocity: Velocity at the start of a motion; None starts from rest.
+        springs: Springs from patches of the surface to moved anchors.
 
     Raises:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
         FacetNotOnBoundaryError: A facet of a support, load, tool or spring inside the body, or
             twice there.
-        DisagreeingSupportsError: Two supports that want different places of a point.
-        InputError: Indices that are none, a cell in two inclusions, inclusions of another law, a
-            tool beside a support along a slanted normal, an initial velocity without a time span,
-            or a spring that no point of the mesh feels.
+        DisagreeingSupportsError: Two supports that prescribe different displacements of a point.
+        InputError: Indices that are not whole numbers, a cell in two inclusions, inclusions of
+            another law, a tool beside a support along a slanted normal, an initial velocity without
+            a time span, or a spring without a point of the mesh within its radius.
 
     >>> import numpy as np
     >>> import palpate
@@ -245,7 +245,7 @@ Item = TypeVar("Item", bound="DataclassInstance")
 
 
 def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
-    """A support, load or tool, its points and facets arrays of points that the mesh has."""
+    """The item with checked points and facets: arrays of points that the mesh has."""
     changes = {}
     for name, width in (("points", 1), ("facets", 3), ("contact_facets", 3)):
         rows = getattr(item, name, None)
@@ -262,7 +262,7 @@ def with_law(problem: Problem, law: Law) -> Problem:
     """The same problem of a body that follows another law, with the same moduli at rest.
 
     Raises:
-        InputError: Mooney and Rivlin's law, which has one constant more than they tell.
+        InputError: Mooney and Rivlin's law, which has one constant more than the moduli at rest.
     """
     if law.has_c01:
         raise InputError(f"{law} has three constants, of which moduli at rest tell two")
@@ -275,21 +275,21 @@ def with_law(problem: Problem, law: Law) -> Problem:
 
 
 def require_no_tools(problem: Problem, what: str) -> None:
-    """Raise InputError where a problem has tools and `what` knows nothing of them."""
+    """Raise InputError where a problem has tools and `what` does not support them."""
     if problem.tools:
         raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")
 
 
 def require_no_springs(problem: Problem, what: str) -> None:
-    """Raise InputError where a problem has springs and `what` knows nothing of them."""
+    """Raise InputError where a problem has springs and `what` does not support them."""
     if problem.springs:
         raise InputError(f"{what} knows no springs; take the spring out of the case")
 
 
 def require_linear_in_strain(material: Material, strain: Strain, what: str) -> None:
-    """Raise InputError where `what` knows Saint-Venant-Kirchhoff alone and a body follows another.
+    """Raise InputError for another law than Saint-Venant-Kirchhoff, the only one of `what`.
 
-    With linear strain every law is Hooke's, which all know.
+    Under linear strain every law is Hooke's, and nothing is refused.
     """
     if strain is Strain.GREEN and not material.law.is_linear_in_strain:
         raise InputError(

@@ -1,4 +1,4 @@
-"""A Problem as one .npz file: exact, no pickle; the way to hand it to another process."""
+"""A Problem as one .npz file, exact and without pickle, to pass it to another process."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import parse_json, read_npz
 
-# Written as tables of plain values.
+# Fields that are written as tables of plain values.
 _PLAIN = ("material", "time", "initial_velocity")
-# What a problem is made of. The fields that version 0.1 knew are always written. One that came
-# later is left out at its default: the arrays of a problem that does not use it, and with them its
-# key, stay as they were.
+# The classes that a problem is made of, with the fields that are always written. Later fields are
+# left out at their default, so that the arrays of a problem that does not use them, and with them
+# its hash, stay the same.
 _FIRST_FIELDS: dict[type[Any], str] = {
     Problem: "supports loads material time",
     Material: "youngs_modulus poissons_ratio density",
@@ -72,10 +72,10 @@ _KINDS = {kind.__name__: kind for kind in _FIRST_FIELDS}
 
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
-    """The problem as named arrays; plain values are kept as JSON text in `header`.
+    """The problem as named arrays; plain values are JSON text in `header`.
 
-    The same problem always gives the same arrays, so they also serve as its identity. A field
-    added after version 0.1 takes part only where it differs from its default.
+    The same problem always gives the same arrays, so they also serve as its identity. A field that
+    was added later is included only where it differs from its default.
     """
     arrays: dict[str, NDArray[Any]] = {
         "points": problem.mesh.points,
@@ -117,7 +117,7 @@ def _is_default(part: dataclasses.Field[Any], value: Any) -> bool:
 
 
 def _encoded(item: Any, place: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """A dataclass as JSON values; its arrays go to `arrays` under their place. None is left out."""
+    """A dataclass as JSON values; its arrays go to `arrays`, named from `place`; no None."""
     entry: dict[str, Any] = {"kind": type(item).__name__}
     for name, value in _written_fields(item):
         if isinstance(value, np.ndarray):
@@ -130,7 +130,7 @@ def _encoded(item: Any, place: str, arrays: dict[str, NDArray[Any]]) -> dict[str
 
 
 def _decoded(entry: dict[str, Any], place: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """What `_encoded` was given."""
+    """The dataclass that `_encoded` has turned into JSON values and arrays."""
     values: dict[str, Any] = {}
     for key, value in entry.items():
         if isinstance(value, dict):
