@@ -59,22 +59,22 @@ def _usable(value: Any) -> Any:
     return value
 
 
-def _require_usable(value: Any, place: tuple[str | int, ...]) -> None:
+def _require_usable(value: Any, location: tuple[str | int, ...]) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
-            _require_usable(item, (*place, key))
+            _require_usable(item, (*location, key))
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _require_usable(item, (*place, index))
+            _require_usable(item, (*location, index))
     elif isinstance(value, int | float) and not isinstance(value, bool):
         if not is_a_float(value):
             raise PydanticCustomError(
-                "published", "is no finite number", {"place": place, "value": repr(value)}
+                "published", "is no finite number", {"place": location, "value": repr(value)}
             )
     elif not isinstance(value, str | bool):
         kind = type(value).__name__
         raise PydanticCustomError(
-            "published", f"is a {kind}; write it as text, in quotes", {"place": place}
+            "published", f"is a {kind}; write it as text, in quotes", {"place": location}
         )
 
 

@@ -130,9 +130,9 @@ def load_surface(
                 notes = [wrapped.line()]
             elif repair is not None:
                 notes = [n for n in notes if "without a facet" in n]
-                mended = mend_surface(surface, repair)
-                surface, groups = mended.surface, mended.caps
-                notes += mended.lines
+                repaired = mend_surface(surface, repair)
+                surface, groups = repaired.surface, repaired.caps
+                notes += repaired.lines
     except WrapError as error:
         error.args = (f"{path.name}: {error}",)
         raise
@@ -256,7 +256,7 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
     assert geometry.edge_length is not None
     edge = units.metres(geometry.edge_length)
     given = [getattr(geometry, key) for key in SHAPES[geometry.shape]]
-    sizes = [units.place(v) if isinstance(v, tuple) else units.metres(v) for v in given]
+    sizes = [units.lengths(v) if isinstance(v, tuple) else units.metres(v) for v in given]
     require_countable(_extents(geometry.shape, sizes), edge)
     surface: TriSurface = _MAKERS[geometry.shape](*sizes, edge_length=edge)
     return surface

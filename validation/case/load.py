@@ -40,16 +40,16 @@ def explain(path: Path, source: str, data: dict[str, Any], error: ValidationErro
 def _line(path: Path, source: str, found: ErrorDetails) -> str:
     """One mistake."""
     loc = found["loc"]
-    place = [part for index, part in enumerate(loc) if not _is_tag(index, loc)]
+    location = [part for index, part in enumerate(loc) if not _is_tag(index, loc)]
     context = found.get("ctx", {})
-    place += context.get("place", ())
-    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
+    location += context.get("place", ())
+    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in location)
     # What is missing stands nowhere: the table where it should.
-    stands = place[:-1] if found["type"] == "missing" else place
+    stands = location[:-1] if found["type"] == "missing" else location
     where = f"{path}:{_line_of(source, stands)}"
     match found["type"]:
         case "extra_forbidden":
-            hint = _suggestion(str(place[-1]), _siblings(loc)) or "remove it"
+            hint = _suggestion(str(location[-1]), _siblings(loc)) or "remove it"
             return f"{where}: unknown key {key!r}; {hint}"
         case "missing":
             return f"{where}: missing key {key!r}; add it"
@@ -63,7 +63,7 @@ def _line(path: Path, source: str, found: ErrorDetails) -> str:
             message = _choice(found["input"], known)
         case "tuple_type":
             message = "must be a list in brackets"
-            if place[-1] == "size":
+            if location[-1] == "size":
                 message += "; cells are sized by edge_length"
         case "published":
             return f"{where}: {key!r} {found['msg']}"
@@ -140,15 +140,15 @@ def _siblings(loc: tuple[int | str, ...]) -> list[str]:
     return [name for name, _ in keys_of(model)]
 
 
-def _line_of(source: str, place: list[int | str]) -> int:
+def _line_of(source: str, location: list[int | str]) -> int:
     """The line of the deepest part of a path that is found; 1 where none is."""
     lines = source.splitlines()
     start = 0
     best = 1
-    for depth, part in enumerate(place):
+    for depth, part in enumerate(location):
         if isinstance(part, int):
             continue
-        nth = place[depth + 1] if depth + 1 < len(place) else 0
+        nth = location[depth + 1] if depth + 1 < len(location) else 0
         wanted = nth if isinstance(nth, int) else 0
         pattern = re.compile(
             rf"^\s*(\[+\s*([\w-]+\.)*{re.escape(part)}\s*\]+|{re.escape(part)}\s*=)"

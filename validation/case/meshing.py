@@ -262,7 +262,7 @@ def _fill(
         done.append(report.line())
         # That was the surface's length; a graded interior grows from there.
         size = None if spec.interior == "graded" else size
-    built = _fill_kept(surface, spec, size, how)
+    built = _fill_given(surface, spec, size, how)
     mesh = built.mesh
     if spec.grade:
         graded = GradedMesh(mesh)
@@ -278,9 +278,11 @@ def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) 
     fields: list[SizeField] = []
     for one in grades:
         if one.ball is not None:
-            distance = distance_to_ball(units.place(one.ball.center), units.metres(one.ball.radius))
+            distance = distance_to_ball(
+                units.lengths(one.ball.center), units.metres(one.ball.radius)
+            )
         elif one.point is not None:
-            distance = distance_to_points(units.place(one.point))
+            distance = distance_to_points(units.lengths(one.point))
         else:
             distance = distance_to_facets(surface)
         smallest = units.metres(one.smallest)
@@ -288,7 +290,7 @@ def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) 
     return lambda points: np.min([field(points) for field in fields], axis=0)
 
 
-def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None, how: Filling) -> BuiltMesh:
+def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Filling) -> BuiltMesh:
     """By the mesher asked for, or fastsim's first and gmsh's otherwise."""
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):

@@ -153,7 +153,7 @@ class _Builder:
 
     def support(self, spec: SupportSpec, what: str) -> Support:
         x, y, z = ("x" in spec.components, "y" in spec.components, "z" in spec.components)
-        displacement, amplitude = self.units.place(spec.displacement), _amplitude(spec.amplitude)
+        displacement, amplitude = self.units.lengths(spec.displacement), _amplitude(spec.amplitude)
         factors = (1.0,) if amplitude is None else amplitude.factors
         _require_usable(np.outer(factors, displacement), what, "m")
         if chooses_points(self.mesh, spec.region):
@@ -177,32 +177,32 @@ class _Builder:
         turn = spec.rotation
         rotation = None
         if turn is not None:
-            center, angle = self.units.place(turn.center), math.radians(turn.angle_deg)
+            center, angle = self.units.lengths(turn.center), math.radians(turn.angle_deg)
             rotation = Rotation(_unit(turn.axis), center, angle)
         return Support(points, facets, (x, y, z), displacement, amplitude, rotation)
 
     def start(self, spec: StartSpec | None) -> InitialVelocity | None:
         if spec is None:
             return None
-        place = self.units.place
-        given = place(spec.velocity), spec.angular_velocity, place(spec.center)
+        lengths = self.units.lengths
+        given = lengths(spec.velocity), spec.angular_velocity, lengths(spec.center)
         _require_usable(np.array(given), "initial_velocity", "m/s")
         return InitialVelocity(*given)
 
     def spring(self, spec: SpringSpec, what: str) -> Spring:
         units = self.units
         if spec.displacement is None:
-            times = [place.time for place in spec.path]
-            moved = [units.place(place.displacement) for place in spec.path]
+            times = [anchor.time for anchor in spec.path]
+            moved = [units.lengths(anchor.displacement) for anchor in spec.path]
         else:
-            times, moved = [0.0], [units.place(spec.displacement)]
+            times, moved = [0.0], [units.lengths(spec.displacement)]
         stiffness, largest = units.newtons_per_metre(spec.stiffness), np.abs(moved).max()
         _require_usable(np.array([stiffness]), what, "N/m")
         _require_usable(np.array([largest]), what, "m")
         try:
             return Spring.on(
                 self.mesh,
-                units.place(spec.center),
+                units.lengths(spec.center),
                 units.metres(spec.radius),
                 stiffness,
                 AnchorPath(np.array(times), np.array(moved), spec.smooth),
@@ -218,7 +218,7 @@ class _Builder:
             facets = select_facets(self.mesh, spec.region, units, what)
         path = ToolPath(
             np.array([pose.time for pose in spec.pose]),
-            np.array([units.place(pose.position) for pose in spec.pose]),
+            np.array([units.lengths(pose.position) for pose in spec.pose]),
             np.array([_quaternion(pose) for pose in spec.pose]),
         )
         if spec.drive is not None:
@@ -269,18 +269,18 @@ class _Builder:
         try:
             if spec.density is not None and spec.gravity and spec.free_surface:
                 density = units.kilograms_per_cubic_metre(spec.density)
-                level = units.place(spec.free_surface)
+                level = units.lengths(spec.free_surface)
                 return hydrostatic_traction(
                     self.mesh, facets, density, spec.gravity, level, amplitude
                 )
             if spec.traction is None:
-                places = [units.place(value.at) for value in spec.values]
+                positions = [units.lengths(value.at) for value in spec.values]
                 values = [[units.pascals(t) for t in value.traction] for value in spec.values]
-                return affine_traction(facets, places, values, amplitude)
+                return affine_traction(facets, positions, values, amplitude)
             x, y, z = (units.pascals(t) for t in spec.traction)
             if spec.profile is None or spec.start is None or spec.end is None:
                 return Traction(facets, (x, y, z), amplitude)
-            start, end = units.place(spec.start), units.place(spec.end)
+            start, end = units.lengths(spec.start), units.lengths(spec.end)
             return profile_traction(facets, (x, y, z), spec.profile, start, end, amplitude)
         except InputError as error:
             raise InputError(f"{what}: {error}") from error
@@ -314,7 +314,7 @@ def _shape(spec: ToolSpec, units: Units, folder: Path) -> ToolShape:
         case ToolSpec(shape="capsule", radius=float(radius), half_length=float(half)):
             return CapsuleShape(metres(radius), metres(half))
         case ToolSpec(shape="box", half_widths=(a, b, c)):
-            return BoxShape(units.place((a, b, c)))
+            return BoxShape(units.lengths((a, b, c)))
         case ToolSpec(shape="surface", surface=str(name)):
             path = inside_folder(folder, name)
             return SurfaceShape(load_surface(path, scale=metres(1.0)).surface)

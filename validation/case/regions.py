@@ -126,9 +126,9 @@ def single_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
         raise InputError(
             f"{what}: needs region = {{ nearest = [x, y, z] }}, or a group of points of the mesh"
         )
-    place = np.array(units.place(region.nearest))
+    position = np.array(units.lengths(region.nearest))
     boundary = np.unique(mesh.boundary_facets)
-    distance = np.linalg.norm(mesh.points[boundary] - place, axis=1)
+    distance = np.linalg.norm(mesh.points[boundary] - position, axis=1)
     return boundary[[int(np.argmin(distance))]].astype(np.int32)
 
 
@@ -159,46 +159,47 @@ def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float
     return x, y, z
 
 
-def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
+def point_at(mesh: TetMesh, position: Vector, units: Units, what: str) -> int:
     """Index of the mesh's point at a position.
 
     Args:
         mesh: The mesh [m].
-        place: The position, in the case's units.
+        position: The position, in the case's units.
         units: The case's units.
         what: "check 1": for messages.
 
     Raises:
         InputError: None lies there; the message names the nearest.
     """
-    wanted = np.array(units.place(place))
+    wanted = np.array(units.lengths(position))
     apart = np.linalg.norm(mesh.points - wanted, axis=1)
     point = int(apart.argmin())
     if not apart[point] <= SAME_PLACE * float(np.ptp(mesh.points, axis=0).max()):
         raise InputError(
-            f"{what} at {list(place)} {units.length}: no point of the mesh lies there, the nearest "
-            f"at {_shown(mesh.points[point], units)} {units.length}; mesh it in, or take that one"
+            f"{what} at {list(position)} {units.length}: no point of the mesh lies there, the "
+            f"nearest at {_shown(mesh.points[point], units)} {units.length}; mesh it in, or take "
+            "that one"
         )
     return point
 
 
-def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
-    inside = np.ones(len(places), dtype=bool)
+def _contains(points: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
+    inside = np.ones(len(points), dtype=bool)
     if region.box is not None:
-        low, high = (np.array(units.place(c)) for c in (region.box.min, region.box.max))
-        inside &= np.all((places >= low) & (places <= high), axis=1)
+        low, high = (np.array(units.lengths(c)) for c in (region.box.min, region.box.max))
+        inside &= np.all((points >= low) & (points <= high), axis=1)
     if region.ball is not None:
-        apart = np.linalg.norm(places - np.array(units.place(region.ball.center)), axis=1)
+        apart = np.linalg.norm(points - np.array(units.lengths(region.ball.center)), axis=1)
         inside &= apart <= units.metres(region.ball.radius)
     if region.half_space is not None:
-        point = np.array(units.place(region.half_space.point))
-        inside &= (places - point) @ np.array(region.half_space.normal) >= 0.0
+        point = np.array(units.lengths(region.half_space.point))
+        inside &= (points - point) @ np.array(region.half_space.normal) >= 0.0
     return inside
 
 
-def _shown(place: NDArray[np.float64], units: Units) -> list[float]:
+def _shown(position: NDArray[np.float64], units: Units) -> list[float]:
     """A position in the case's unit, with the digits that a person types."""
-    return [float(f"{float(x) / units.metres(1.0):.6g}") for x in place]
+    return [float(f"{float(x) / units.metres(1.0):.6g}") for x in position]
 
 
 def _nothing(mesh: TetMesh, units: Units, what: str, part: str) -> str:

@@ -68,8 +68,8 @@ def _number_names(key: str, value: Any) -> Iterator[str]:
         if all(map(_is_number, value)):
             yield key
         else:
-            for place, found in enumerate(value):
-                yield from _number_names(f"{key}[{place}]", found)
+            for index, found in enumerate(value):
+                yield from _number_names(f"{key}[{index}]", found)
 
 
 def _is_number(value: Any) -> bool:

@@ -43,7 +43,7 @@ class Units(BaseModel):
         """Turn a length into metres."""
         return value * LENGTH[self.length]
 
-    def place(self, values: tuple[float, float, float]) -> tuple[float, float, float]:
+    def lengths(self, values: tuple[float, float, float]) -> tuple[float, float, float]:
         """Turn three lengths into metres."""
         x, y, z = (self.metres(value) for value in values)
         return x, y, z

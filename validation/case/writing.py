@@ -231,10 +231,10 @@ def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: boo
         "geometry": geometry,
         "material": {"youngs_modulus": _YOUNGS_MODULUS, "poissons_ratio": 0.4, "density": 1000.0},
     }
-    held_and_pulled, remarks = _ends(surface, unit)
+    fixed_and_pulled, remarks = _ends(surface, unit)
     remarks["material"] = "GUESS: soft tissue of no particular organ."
     return _HEAD.format(name=target.name) + annotated_case(
-        {**values, **held_and_pulled, "check": FIRST_CHECKS}, {**remarks, **_REMARKS}
+        {**values, **fixed_and_pulled, "check": FIRST_CHECKS}, {**remarks, **_REMARKS}
     )
 
 
@@ -332,8 +332,8 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
     }
 
 
-def _has_both(places: Points, first: float, last: float) -> bool:
-    return bool((places <= first).any() and (places >= last).any())
+def _has_both(positions: Points, first: float, last: float) -> bool:
+    return bool((positions <= first).any() and (positions >= last).any())
 
 
 def _half_space(point: Points, axis: int, sign: float, unit: str) -> dict[str, Any]:

@@ -147,7 +147,7 @@ _FAMILIES = (
 def _statics(result: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
     problem = result.body.problem
     if result.stated <= CONVERGED and not is_found:
-        yield result.tried(_kept(result), Cause.AGREES, 0)
+        yield result.tried(_agreement(result), Cause.AGREES, 0)
     if problem.springs:
         return
     tried: list[Explanation] = []
@@ -162,7 +162,7 @@ def _statics(result: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[
     yield from tried
 
 
-def _kept(result: StaticResult) -> str:
+def _agreement(result: StaticResult) -> str:
     if result.body.problem.tools:
         return "the stated equations are kept wherever no tool can touch"
     if result.apart is not None and result.apart > SINGLE:

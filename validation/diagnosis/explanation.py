@@ -151,9 +151,9 @@ def choose(tried: Iterable[Explanation]) -> tuple[Explanation, ...]:
     if not fitting:
         return ()
     best = min(each.residual for each in fitting)
-    kept = [each for each in fitting if each.residual <= max(FAR_BETTER * best, _AS_GOOD)]
+    closest = [each for each in fitting if each.residual <= max(FAR_BETTER * best, _AS_GOOD)]
     unique: dict[str, Explanation] = {}
-    for each in kept:
+    for each in closest:
         unique.setdefault(each.name, each)
     return tuple(
         sorted(

@@ -135,10 +135,10 @@ def _derivative_of_stress(law: LawOf, material: Material, kind: str, F: Array) -
         slope, change = _difference(law.stress, F, dF), law.change(F, dF)
         errors.append(_sizes(slope - change) / _scale(slope, material))
         cell = int(np.argmax(errors[-1]))
-        share = np.sum(slope[cell] * change[cell]) / np.sum(slope[cell] ** 2)
+        factor = np.sum(slope[cell] * change[cell]) / np.sum(slope[cell] ** 2)
         messages.append(
             "the tangent is not the derivative of the stress: along one direction it is "
-            f"{share:.6g} times that, and off by {_sizes(change - slope)[cell]:.6g} Pa"
+            f"{factor:.6g} times that, and off by {_sizes(change - slope)[cell]:.6g} Pa"
         )
     message = messages[int(np.argmax(np.max(errors, axis=1)))]
     return _finding("tangent = dP/dF", kind, np.max(errors, axis=0), _DERIVATIVE, F, message)
@@ -252,11 +252,11 @@ def name_of_stress(
         ],
         axis=1,
     )
-    shares = np.linalg.lstsq(parts, P.ravel(), rcond=None)[0]
-    if _misses(P, (parts @ shares).reshape(P.shape)) < _FITS:
+    factors = np.linalg.lstsq(parts, P.ravel(), rcond=None)[0]
+    if _misses(P, (parts @ factors).reshape(P.shape)) < _FITS:
         return (
-            f"the stress is that of the stated law with lmbda times {shares[0]:.6g} and mu times "
-            f"{shares[1]:.6g}"
+            f"the stress is that of the stated law with lmbda times {factors[0]:.6g} and mu times "
+            f"{factors[1]:.6g}"
         )
     right = weights * right
     off = np.abs(P - right)

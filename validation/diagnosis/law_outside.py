@@ -75,33 +75,33 @@ def check_simulator(
     load = PointForce(np.arange(mesh.num_points, dtype=np.int32), forces)
     problem = Problem(mesh, material, supports, (load,))
     state = outside_candidate(simulator).solve(problem, Strain.GREEN, progress)
-    answers = _deformations_of(state.displacement / _EDGE)
+    found_F = _deformations_of(state.displacement / _EDGE)
     asked = stated_stress(material, F)
     found, begin = [], 0
     for kind, of in kinds.items():
         rows = slice(begin, begin + len(of))
         begin += len(of)
-        found.append(_compare(asked[rows], answers[rows], material, kind, limit))
+        found.append(_compare(asked[rows], found_F[rows], material, kind, limit))
         if state.sent_stress is not None:
-            J = np.linalg.det(answers[rows])[:, None, None]
-            inverse = np.linalg.inv(answers[rows]).transpose(0, 2, 1)
+            J = np.linalg.det(found_F[rows])[:, None, None]
+            inverse = np.linalg.inv(found_F[rows]).transpose(0, 2, 1)
             sent = J * state.sent_stress[rows] @ inverse
             check = "stress sent"
-            found.append(compare_stress(sent, material, kind, answers[rows], limit, check))
+            found.append(compare_stress(sent, material, kind, found_F[rows], limit, check))
     return found
 
 
-def _compare(asked: Array, answers: Array, material: Material, kind: str, limit: float) -> Finding:
+def _compare(asked: Array, found_F: Array, material: Material, kind: str, limit: float) -> Finding:
     """Compare components that are free only: reactions are not known."""
-    right = stated_stress(material, answers)
+    right = stated_stress(material, found_F)
     off = np.where(_FREE, right - asked, 0.0)
     scale = np.maximum(np.linalg.norm(asked, axis=(1, 2)), 0.01 * material.youngs_modulus)
     errors = np.linalg.norm(off, axis=(1, 2)) / scale
     cell = int(np.argmax(np.where(np.isnan(errors), np.inf, errors)))
     error, message = float(errors[cell]), ""
     if not error <= limit:
-        message = name_of_stress(asked, material, answers, _FREE)
-    return Finding("law as stated", kind, error, limit, answers[cell], message)
+        message = name_of_stress(asked, material, found_F, _FREE)
+    return Finding("law as stated", kind, error, limit, found_F[cell], message)
 
 
 def _deformations_of(displacement: Array) -> Array:
@@ -113,12 +113,12 @@ def _deformations_of(displacement: Array) -> Array:
 
 def _is_stable(F: Array, material: Material) -> NDArray[np.bool_]:
     """Whether a free cell stays there under dead forces: the free part of dP/dF is positive."""
-    places = np.argwhere(_FREE)
-    tangent = np.zeros((len(F), len(places), len(places)))
-    for column, (i, j) in enumerate(places):
+    components = np.argwhere(_FREE)
+    tangent = np.zeros((len(F), len(components), len(components)))
+    for column, (i, j) in enumerate(components):
         dF = np.zeros_like(F)
         dF[:, i, j] = 1.0
         change = stress_change(material.law, F - np.eye(3), dF, *moduli_of(material, len(F)))
-        tangent[:, :, column] = change[:, places[:, 0], places[:, 1]]
+        tangent[:, :, column] = change[:, components[:, 0], components[:, 1]]
     stable: NDArray[np.bool_] = np.linalg.eigvalsh(tangent)[:, 0] > 0.0
     return stable

@@ -180,8 +180,8 @@ def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]
         cell_mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(body.problem)[:, 2]
         full = np.zeros((mesh.num_points, mesh.num_points))
         block = (np.eye(4) + 1.0) / 20.0
-        places = (mesh.cells[:, :, None], mesh.cells[:, None, :])
-        np.add.at(full, places, cell_mass[:, None, None] * block)
+        pairs = (mesh.cells[:, :, None], mesh.cells[:, None, :])
+        np.add.at(full, pairs, cell_mass[:, None, None] * block)
         yield (
             "another lumping: the consistent mass matrix",
             Cause.MASS,
@@ -242,11 +242,11 @@ def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explana
         (name, Cause.LOAD, partial(_loaded, body, indices)) for name, indices in _load_groups(body)
     ]
     few = replace(stepper, num_outputs=min(stepper.num_outputs, _few_outputs(stepper)))
-    for name, cause, slip_of in numbers:
-        factor = _fit(few, slip_of, wanted[: few.num_outputs])
+    for name, cause, mistake_of in numbers:
+        factor = _fit(few, mistake_of, wanted[: few.num_outputs])
         known = snapped(factor)
         factor = factor if known is None else known
-        left = _misfit(stepper, slip_of(factor), wanted, None)
+        left = _misfit(stepper, mistake_of(factor), wanted, None)
         words = f"{name} {in_words(factor)}"
         cause = Cause.UNITS if is_unit(factor) else cause
         yield Explanation(words, cause, left, stated, OF_MOTION, 2)
@@ -257,11 +257,13 @@ def _few_outputs(stepper: Stepper) -> int:
     return max(2, 200 // stepper.per_output)
 
 
-def _fit(stepper: Stepper, slip_of: Callable[[float], MotionHypothesis], wanted: Fields) -> float:
+def _fit(
+    stepper: Stepper, mistake_of: Callable[[float], MotionHypothesis], wanted: Fields
+) -> float:
     """The number that brings the motion nearest; 1 where it cannot be found."""
 
     def motion(factor: float) -> Fields | None:
-        states = list(islice(stepper.outputs(slip_of(factor)), len(wanted)))
+        states = list(islice(stepper.outputs(mistake_of(factor)), len(wanted)))
         return np.array(states) if len(states) == len(wanted) else None
 
     factor, last = 1.0, np.inf

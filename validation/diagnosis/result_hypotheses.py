@@ -172,8 +172,8 @@ def _sorted_alike(fields: Fields, reference: Fields) -> Iterator[Fields]:
     for _ in range(3):
         direction = rng.normal(size=mine.shape[1])
         order = np.empty(count, dtype=np.int64)
-        places = np.argsort(theirs @ direction, kind="stable")
-        order[places] = np.argsort(mine @ direction, kind="stable")
+        ranks = np.argsort(theirs @ direction, kind="stable")
+        order[ranks] = np.argsort(mine @ direction, kind="stable")
         yield fields[:, order]
 
 
@@ -228,23 +228,23 @@ def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[
     affine = mesh.points @ _SLOPE
     patch = transforms.prescribe(mesh, problem.material, outer, affine)
     # The patch has no inclusions; the test is conclusive only where the body has none either.
-    kept = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
+    satisfied = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
     given, back = transforms.renumber(problem)
-    kept = max(kept, float(np.abs(back(ask(given)) - result).max()) / scale)
+    satisfied = max(satisfied, float(np.abs(back(ask(given)) - result).max()) / scale)
     given, back = transforms.turn(problem, transforms.rotation(_AXIS, _ANGLE_DEG))
     broken = float(np.abs(back(ask(given)) - result).max()) / scale
-    yield turned_otherwise(kept, broken)
+    yield turned_otherwise(satisfied, broken)
 
 
-def turned_otherwise(kept: float, broken: float) -> Explanation:
+def turned_otherwise(satisfied: float, broken: float) -> Explanation:
     """What the relations show about isotropy.
 
     Args:
-        kept: Largest error in a relation that every law satisfies, isotropic or not.
+        satisfied: Largest error in a relation that every law satisfies, isotropic or not.
         broken: How far the result to the turned problem is from the result turned.
     """
     name = (
         "the law is not isotropic, or axes are mixed up: the turned problem has another result "
         f"than the turned one, by {broken:.2g}"
     )
-    return Explanation(name, Cause.LAW, max(kept, _NOISE), broken, OF_RELATION, 4)
+    return Explanation(name, Cause.LAW, max(satisfied, _NOISE), broken, OF_RELATION, 4)

@@ -208,11 +208,11 @@ def _sliding_points(problem: Problem) -> dict[str, NDArray[Any]]:
     if slopes is None:
         return {}
     directions, values = slopes.directions()
-    normals, places = np.zeros((problem.mesh.num_points, 6)), np.zeros((problem.mesh.num_points, 2))
-    normals[slopes.points], places[slopes.points] = directions.reshape(-1, 6), values
+    normals, shifts = np.zeros((problem.mesh.num_points, 6)), np.zeros((problem.mesh.num_points, 2))
+    normals[slopes.points], shifts[slopes.points] = directions.reshape(-1, 6), values
     # All that move a sliding point have one amplitude.
     numbers = np.full(problem.mesh.num_points, -1, dtype=np.int32)
     for number, support in enumerate(problem.supports):
         if support.is_moved:
             numbers[np.intersect1d(support.points, slopes.points)] = number
-    return {"sliding_normals": normals, "sliding_displacement": places, "sliding_support": numbers}
+    return {"sliding_normals": normals, "sliding_displacement": shifts, "sliding_support": numbers}

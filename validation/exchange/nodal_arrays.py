@@ -79,7 +79,7 @@ def fixed_components(
     if slopes is not None:
         whole = slopes.rank == 3
         fixed[slopes.points[whole]] = 1
-        moved[slopes.points[whole]] = slopes.places[whole]
+        moved[slopes.points[whole]] = slopes.displacements[whole]
     return fixed, moved
 
 
@@ -90,13 +90,13 @@ class SlidingPoints:
     Attributes:
         points: Their indices, shape (n,).
         projectors: Projectors onto the fixed directions, shape (n, 3, 3).
-        places: Their prescribed displacement along these [m], shape (n, 3).
+        displacements: Their prescribed displacement along these [m], shape (n, 3).
         rank: Number of fixed directions, shape (n,).
     """
 
     points: NDArray[np.int32]
     projectors: Floats
-    places: Points
+    displacements: Points
     rank: NDArray[np.int64]
 
     def fixed_part(self, vectors: Points) -> Points:
@@ -113,14 +113,14 @@ class SlidingPoints:
     def placed(self, displacement: Points) -> Points:
         """A displacement of all points with its fixed part as the supports prescribe it."""
         moved = self.without(displacement)
-        moved[self.points] += self.places
+        moved[self.points] += self.displacements
         return moved
 
     def directions(self) -> tuple[Floats, Floats]:
         """Up to two orthonormal directions of each, else 0, (n, 2, 3), and where, (n, 2) [m]."""
         _, axes = np.linalg.eigh(self.projectors)
         found = axes.transpose(0, 2, 1)[:, :0:-1] * (np.arange(2) < self.rank[:, None])[:, :, None]
-        return found, np.einsum("nkj,nj->nk", found, self.places)
+        return found, np.einsum("nkj,nj->nk", found, self.displacements)
 
 
 def sliding_points(problem: Problem, time: float | None = None) -> SlidingPoints | None:
@@ -135,7 +135,7 @@ def sliding_points(problem: Problem, time: float | None = None) -> SlidingPoints
     if not rows.any():
         return None
     return SlidingPoints(
-        found.points[rows], found.projectors[rows], found.places[rows], found.rank[rows]
+        found.points[rows], found.projectors[rows], found.displacements[rows], found.rank[rows]
     )
 
 
@@ -204,7 +204,7 @@ def _all_slopes(problem: Problem, time: float | None) -> SlidingPoints | None:
     if not holders:
         return None
     points = np.array(sorted(holders), dtype=np.int32)
-    projectors, places, ranks = [], [], []
+    projectors, displacements, ranks = [], [], []
     for point in points.tolist():
         fixed_by = holders[point]
         directions = np.array([direction for _, direction in fixed_by])
@@ -214,9 +214,9 @@ def _all_slopes(problem: Problem, time: float | None) -> SlidingPoints | None:
         ]
         back = np.linalg.pinv(directions, rcond=_ONE_PLANE)
         projectors.append(back @ directions)
-        places.append(back @ np.array(asked))
+        displacements.append(back @ np.array(asked))
         ranks.append(np.linalg.matrix_rank(directions, tol=_ONE_PLANE))
-    return SlidingPoints(points, np.array(projectors), np.array(places), np.array(ranks))
+    return SlidingPoints(points, np.array(projectors), np.array(displacements), np.array(ranks))
 
 
 def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -274,15 +274,15 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
 
 
 # Of degree 3 on a triangle (Strang and Fix 1973): barycentric coordinates and weights.
-FACET_PLACES = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
+FACET_POINTS = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
 FACET_WEIGHTS = np.array([-27.0, 25.0, 25.0, 25.0]) / 48.0
 
 
 def _add_varying(force: Points, points: Points, areas: Points, load: Traction) -> None:
     corners = points[load.facets]
-    for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
-        found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", place, corners))
-        for corner, weight_there in enumerate(place):
+    for point, weight in zip(FACET_POINTS, FACET_WEIGHTS, strict=True):
+        found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", point, corners))
+        for corner, weight_there in enumerate(point):
             np.add.at(force, load.facets[:, corner], weight_there * found)
 
 

@@ -315,5 +315,5 @@ def _require_same_body(result: ResultFile, mesh: TetMesh, case: TetMesh) -> Loca
 def _apart(mesh: TetMesh, other: TetMesh) -> Points:
     """Distance of the corners and middles of a mesh's boundary facets from another's boundary."""
     corners = mesh.points[mesh.boundary_facets]
-    places = np.concatenate([mesh.points[np.unique(mesh.boundary_facets)], corners.mean(axis=1)])
-    return nearest_on_surface(places, other.points, other.boundary_facets).distances
+    positions = np.concatenate([mesh.points[np.unique(mesh.boundary_facets)], corners.mean(axis=1)])
+    return nearest_on_surface(positions, other.points, other.boundary_facets).distances

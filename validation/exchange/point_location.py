@@ -30,9 +30,9 @@ class Location:
     """Points in a mesh.
 
     Attributes:
-        cells: Cell of each point, (num_places,).
-        weights: Barycentric coordinates in it, each in 0..1, (num_places, 4).
-        distances: Distance outside the mesh [m], 0 inside, (num_places,).
+        cells: Cell of each point, (num_positions,).
+        weights: Barycentric coordinates in it, each in 0..1, (num_positions, 4).
+        distances: Distance outside the mesh [m], 0 inside, (num_positions,).
     """
 
     cells: Rows
@@ -51,9 +51,9 @@ class Nearest:
     """The nearest points of a surface.
 
     Attributes:
-        facets: Number of the facet, (num_places,).
-        weights: Barycentric coordinates in it, (num_places, 3), each in 0..1.
-        distances: [m], (num_places,).
+        facets: Number of the facet, (num_positions,).
+        weights: Barycentric coordinates in it, (num_positions, 3), each in 0..1.
+        distances: [m], (num_positions,).
     """
 
     facets: Rows
@@ -61,26 +61,26 @@ class Nearest:
     distances: Points
 
 
-def locate(points: Points, cells: Indices | Rows, places: Points) -> Location:
+def locate(points: Points, cells: Indices | Rows, positions: Points) -> Location:
     """Find the cell that contains each of some points.
 
     Args:
         points: Points of the mesh [m], (num_points, 3).
         cells: Its tetrahedra, (num_cells, 4), none flat.
-        places: Positions that are located [m], (num_places, 3), finite.
+        positions: Positions that are located [m], (num_positions, 3), finite.
     """
     corners = points[cells]
     inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
-    found, weights = np.full(len(places), -1), np.zeros((len(places), 4))
-    for who, tried in _within_reach(places, np.zeros(len(places)), corners):
-        inner = np.einsum("pij,pj->pi", inverse[tried], places[who] - corners[tried, 0])
+    found, weights = np.full(len(positions), -1), np.zeros((len(positions), 4))
+    for who, tried in _within_reach(positions, np.zeros(len(positions)), corners):
+        inner = np.einsum("pij,pj->pi", inverse[tried], positions[who] - corners[tried, 0])
         tried_weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
         depth = tried_weights.min(axis=1)
         order = np.lexsort([tried, -depth, who])
         order = order[depth[order] >= _INSIDE]
         rows, first = np.unique(who[order], return_index=True)
         found[rows], weights[rows] = tried[order[first]], tried_weights[order[first]]
-    distances = np.zeros(len(places))
+    distances = np.zeros(len(positions))
     outside = np.flatnonzero(found < 0)
     if outside.size:
         facets = cells[:, CELL_FACETS].reshape(-1, 3)
@@ -88,7 +88,7 @@ def locate(points: Points, cells: Indices | Rows, places: Points) -> Location:
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
         )
         boundary = first[count == 1]
-        nearest = nearest_on_surface(places[outside], points, facets[boundary])
+        nearest = nearest_on_surface(positions[outside], points, facets[boundary])
         chosen = boundary[nearest.facets]
         found[outside], distances[outside] = chosen // 4, nearest.distances
         weights[outside[:, None], CELL_FACETS[chosen % 4]] = nearest.weights
@@ -103,38 +103,38 @@ def locate_points(mesh: TetMesh, other: TetMesh) -> Location:
 
 
 def nearest_on_surface(
-    places: Points, points: Points, facets: Indices | Rows, within: Points | None = None
+    positions: Points, points: Points, facets: Indices | Rows, within: Points | None = None
 ) -> Nearest:
     """Find the nearest point on any facet; of equally near facets the first.
 
     Args:
-        places: Positions from which is searched [m], (num_places, 3), finite.
+        positions: Positions from which is searched [m], (num_positions, 3), finite.
         points: Points of the surface [m], (num_points, 3).
         facets: One or more, (num_facets, 3).
-        within: No farther than this is the surface known to be [m], (num_places,).
+        within: No farther than this is the surface known to be [m], (num_positions,).
     """
     from scipy.spatial import cKDTree
 
     corners = points[facets]
-    likely = cKDTree(corners.mean(axis=1)).query(places)[1] if len(places) else []
-    reach = _on_triangles(places, corners[likely])[1]
+    likely = cKDTree(corners.mean(axis=1)).query(positions)[1] if len(positions) else []
+    reach = _on_triangles(positions, corners[likely])[1]
     if within is not None:
         reach = np.minimum(reach, within)
-    chosen = np.zeros(len(places), dtype=np.int64)
-    for who, tried in _within_reach(places, reach, corners):
-        order = np.lexsort([tried, _on_triangles(places[who], corners[tried])[1], who])
+    chosen = np.zeros(len(positions), dtype=np.int64)
+    for who, tried in _within_reach(positions, reach, corners):
+        order = np.lexsort([tried, _on_triangles(positions[who], corners[tried])[1], who])
         rows, first = np.unique(who[order], return_index=True)
         chosen[rows] = tried[order[first]]
-    weights, distances = _on_triangles(places, corners[chosen])
+    weights, distances = _on_triangles(positions, corners[chosen])
     return Nearest(chosen, weights, distances)
 
 
-def _within_reach(places: Points, reach: Points, corners: Floats) -> Iterator[tuple[Rows, Rows]]:
+def _within_reach(positions: Points, reach: Points, corners: Floats) -> Iterator[tuple[Rows, Rows]]:
     """Points with the items whose spheres come within their reach, some points at a time.
 
     Args:
-        places: Positions [m], (num_places, 3).
-        reach: Reach of each position [m], (num_places,).
+        positions: Positions [m], (num_positions, 3).
+        reach: Reach of each position [m], (num_positions,).
         corners: Corners of the items, which lie between them [m], (num_items, 3 or 4, 3).
 
     Yields:
@@ -143,19 +143,19 @@ def _within_reach(places: Points, reach: Points, corners: Floats) -> Iterator[tu
     """
     from scipy.spatial import cKDTree
 
-    if not len(places):
+    if not len(positions):
         return
     centres = corners.mean(axis=1)
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    largest = max(float(np.abs(corners).max()), float(np.abs(places).max()))
+    largest = max(float(np.abs(corners).max()), float(np.abs(positions).max()))
     # What `_INSIDE` allows, and rounding.
     radii = (1.0 + 1e-7) * radii + 64.0 * float(np.finfo(float).eps) * largest
     # One tree for items of one power of two: a few large ones widen no search among small ones.
     sizes = np.frexp(radii)[1]
     kinds = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     trees = [cKDTree(centres[items]) for items in kinds]
-    for start in range(0, len(places), _CHUNK):
-        some = places[start : start + _CHUNK]
+    for start in range(0, len(positions), _CHUNK):
+        some = positions[start : start + _CHUNK]
         pairs = []
         for items, tree in zip(kinds, trees, strict=True):
             far = reach[start : start + _CHUNK] + radii[items].max()
@@ -169,14 +169,14 @@ def _within_reach(places: Points, reach: Points, corners: Floats) -> Iterator[tu
         yield np.concatenate([rows for rows, _ in pairs]), np.concatenate([i for _, i in pairs])
 
 
-def _on_triangles(places: Points, corners: Floats) -> tuple[Floats, Points]:
+def _on_triangles(positions: Points, corners: Floats) -> tuple[Floats, Points]:
     """Weights and distance of the nearest point of a triangle each: (n, 3), (n,)."""
     a, b, c = (corners[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     squared = np.einsum("ij,ij->i", normal, normal)
     has_area = squared > 0.0
     squared = np.where(has_area, squared, 1.0)
-    w = places - a
+    w = positions - a
     v_b = np.einsum("ij,ij->i", np.cross(w, c - a), normal) / squared
     v_c = np.einsum("ij,ij->i", np.cross(b - a, w), normal) / squared
     weights = np.column_stack([1.0 - v_b - v_c, v_b, v_c])
@@ -184,14 +184,14 @@ def _on_triangles(places: Points, corners: Floats) -> tuple[Floats, Points]:
     best = np.where(has_area & (weights.min(axis=1) >= 0.0), to_plane, np.inf)
     for start, end in ((0, 1), (1, 2), (2, 0)):
         along = corners[:, end] - corners[:, start]
-        from_start = places - corners[:, start]
+        from_start = positions - corners[:, start]
         length = np.einsum("ij,ij->i", along, along)
         fraction = np.einsum("ij,ij->i", from_start, along) / np.where(length > 0.0, length, 1.0)
         fraction = np.clip(fraction, 0.0, 1.0)
         distance = np.linalg.norm(from_start - fraction[:, None] * along, axis=1)
         nearer = distance < best
         best = np.where(nearer, distance, best)
-        on_edge = np.zeros((len(places), 3))
+        on_edge = np.zeros((len(positions), 3))
         on_edge[:, start], on_edge[:, end] = 1.0 - fraction, fraction
         weights = np.where(nearer[:, None], on_edge, weights)
     return weights, best

@@ -312,8 +312,8 @@ class _Loads:
             by_nodes.setdefault(tuple(sorted(rows)), {})[axis] = value
         for nodes, components in by_nodes.items():
             source = next(card.source for card in cards if card.keyword == "BOUNDARY")
-            held = np.array(nodes, dtype=np.int64)
-            self.model.holds.append(FixedNodes("held", held, components, source))
+            fixed = np.array(nodes, dtype=np.int64)
+            self.model.holds.append(FixedNodes("held", fixed, components, source))
 
     def _factor(self, card: Card) -> float:
         """What the card's amplitude is worth at the end of the step."""

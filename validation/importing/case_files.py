@@ -288,7 +288,7 @@ class _Tables:
             if len(values) == 1:
                 table["traction"] = values[0]
             else:
-                at = traction.places.tolist()
+                at = traction.positions.tolist()
                 table["values"] = [
                     {"at": a, "traction": t} for a, t in zip(at, values, strict=True)
                 ]

@@ -230,12 +230,12 @@ def written_out(
     """
     if "node" in flex.attributes:
         raise flex.refuse("<flex node=...>: points that move by those of a coarser grid")
-    places: dict[str, tuple[float, float, float]] = {}
+    positions: dict[str, tuple[float, float, float]] = {}
     masses: dict[str, float] = {}
     for body in bodies:
         body.only_attributes("name", "pos")
         name = body.require("name")
-        places[name] = body.vector(body.attributes.get("pos", "0 0 0"))
+        positions[name] = body.vector(body.attributes.get("pos", "0 0 0"))
         masses[name] = _mass_of_slider(body)
     names = flex.require("body").split()
     vertices = np.array(flex.numbers(flex.attributes.get("vertex", "")), dtype=np.float64)
@@ -248,13 +248,13 @@ def written_out(
     for row, name in enumerate(names):
         if name == "world":
             continue
-        if name not in places:
+        if name not in positions:
             raise flex.refuse(f"<flex body=...>: no body {name[:40]!r} in the world")
-        points[row] += places[name]
+        points[row] += positions[name]
     used = [name for name in names if name != "world"]
     if len(set(used)) < len(used):
         raise flex.refuse("<flex body=...>: two points of one body, which then is rigid between")
-    others = set(places) - set(used)
+    others = set(positions) - set(used)
     if others:
         raise flex.refuse(f"body {min(others)[:40]!r} is no part of the flex: it may touch it")
     if not used:

@@ -38,7 +38,7 @@ class FittedTraction:
     """
 
     facets: NDArray[np.int64]
-    places: Points
+    positions: Points
     values: Points
 
 
@@ -135,10 +135,10 @@ def _fit(
     loaded = _nodes_of(corners[np.concatenate(pieces)], middles[np.concatenate(pieces)])
     columns, frames = [], []
     for piece in pieces:
-        places = nodes[np.unique(corners[piece])]
-        centre, size = places.mean(axis=0), float(np.ptp(places, axis=0).max())
-        shares = _consistent(nodes, corners[piece], middles[piece], centre, size)
-        columns.append(shares[loaded][:, : 4 if is_affine else 1])
+        positions = nodes[np.unique(corners[piece])]
+        centre, size = positions.mean(axis=0), float(np.ptp(positions, axis=0).max())
+        consistent = _consistent(nodes, corners[piece], middles[piece], centre, size)
+        columns.append(consistent[loaded][:, : 4 if is_affine else 1])
         frames.append((centre, size))
     matrix = np.hstack(columns)
     solution, _, rank, _ = np.linalg.lstsq(matrix, forces[loaded], rcond=1e-10)
@@ -152,9 +152,9 @@ def _fit(
     for piece, (centre, size), values in zip(
         pieces, frames, np.split(solution, len(pieces)), strict=True
     ):
-        places = centre + size * np.vstack([np.zeros(3), np.eye(3)])[: len(values)]
+        positions = centre + size * np.vstack([np.zeros(3), np.eye(3)])[: len(values)]
         values[1:] += values[0]
-        fitted.append(FittedTraction(corners[piece], places, values))
+        fitted.append(FittedTraction(corners[piece], positions, values))
     return fitted
 
 
@@ -171,17 +171,17 @@ def _consistent(
     size: float,
 ) -> NDArray[np.float64]:
     """Integrals of N_i and of N_i (X - centre) / size over the facets, (num_nodes, 4)."""
-    shares = np.zeros((len(nodes), 4))
+    consistent = np.zeros((len(nodes), 4))
     a, b, c = (nodes[corners[:, k]] for k in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     is_quadratic = (middles >= 0).all(axis=1)
     for weights, weight in zip(_POINTS, _WEIGHTS, strict=True):
-        places = np.einsum("k,nkj->nj", weights, nodes[corners])
-        basis = np.column_stack([np.ones(len(places)), (places - centre) / size])
+        positions = np.einsum("k,nkj->nj", weights, nodes[corners])
+        basis = np.column_stack([np.ones(len(positions)), (positions - centre) / size])
         basis *= (weight * areas)[:, None]
         straight = np.where(is_quadratic[:, None], weights * (2.0 * weights - 1.0), weights)
         for k in range(3):
-            np.add.at(shares, corners[:, k], straight[:, [k]] * basis)
+            np.add.at(consistent, corners[:, k], straight[:, [k]] * basis)
             bent = 4.0 * weights[k] * weights[(k + 1) % 3] * basis[is_quadratic]
-            np.add.at(shares, middles[is_quadratic, k], bent)
-    return shares
+            np.add.at(consistent, middles[is_quadratic, k], bent)
+    return consistent

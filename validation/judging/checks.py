@@ -128,7 +128,7 @@ def judge_check(
         value=value,
         scale=scale,
         reference_error=bar,
-        bar_parts=made_of.told(with_geometry=True),
+        bar_parts=made_of.reported(with_geometry=True),
     )
 
 

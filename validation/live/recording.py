@@ -111,7 +111,7 @@ def take_hold(
     units, mesh, body = live.case.spec.units, live.problem.mesh, pane.body
     position = np.round(mesh.points[point] / live.unit, digits)
     size = float(f"{radius / live.unit:.6g}")
-    center = units.place((position[0], position[1], position[2]))
+    center = units.lengths((position[0], position[1], position[2]))
     none = AnchorPath(np.zeros(1), np.zeros((1, 3)))
     soft = Spring.on(mesh, center, units.metres(size), 1.0, none)
     patch = PatchSprings(mesh.points, (soft,))
@@ -124,7 +124,7 @@ def take_hold(
     per_unit = FORCE[units.force] / LENGTH[units.length]
     stiffness = float(f"{min(wanted, most) / per_unit:.3g}")
     first = np.round(patch.mean_displacements(body.displacement)[0] / live.unit, digits)
-    anchor = np.array([units.place((first[0], first[1], first[2]))])
+    anchor = np.array([units.lengths((first[0], first[1], first[2]))])
     spring = Spring.on(
         mesh,
         center,

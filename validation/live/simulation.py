@@ -239,7 +239,7 @@ class Simulation(threading.Thread):
         return self._metres(position)
 
     def _metres(self, position: Floats) -> Floats:
-        return np.array(self._case.spec.units.place((position[0], position[1], position[2])))
+        return np.array(self._case.spec.units.lengths((position[0], position[1], position[2])))
 
     def _show(self) -> int:
         """Send a frame, and return its size [bytes]."""

@@ -63,11 +63,11 @@ def audit_on_own_mesh(
         cell_errors *= residual_norm / (np.linalg.norm(cell_errors) or 1.0)
     energy = body.energy(displacement)
     scale = math.sqrt(2.0 * energy) if energy > 0.0 else 0.0
-    places = body.mesh.points + displacement
-    volumes = signed_volumes(places, body.mesh.cells)
+    positions = body.mesh.points + displacement
+    volumes = signed_volumes(positions, body.mesh.cells)
     tangent, smallest_det_f = Tangent(body, displacement), float((volumes / body.volumes).min())
     errors = _estimate_errors(tangent, displacement, residual, smallest_det_f)
-    arms = places if strain is Strain.GREEN else body.mesh.points
+    arms = positions if strain is Strain.GREEN else body.mesh.points
     return Audit(
         degree=1,
         strain=strain,

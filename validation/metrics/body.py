@@ -20,7 +20,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import (
-    FACET_PLACES,
+    FACET_POINTS,
     FACET_WEIGHTS,
     cell_materials,
     cell_values,
@@ -52,9 +52,9 @@ def shape_gradients(mesh: TetMesh) -> Array:
     return np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1)
 
 
-def sum_at_points(places: Indices, forces: Array, num_points: int) -> Points:
+def sum_at_points(points: Indices, forces: Array, num_points: int) -> Points:
     """Sum forces (n, k, 3) of the corners of cells or facets (n, k) at the points they name."""
-    flat, rows = places.ravel(), forces.reshape(-1, 3)
+    flat, rows = points.ravel(), forces.reshape(-1, 3)
     summed: Points = np.stack(
         [np.bincount(flat, rows[:, axis], num_points) for axis in range(3)], axis=1
     )
@@ -69,8 +69,8 @@ def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) 
     """
     if not isinstance(load, Pressure):
         return nodal_force(mesh, load)
-    places = mesh.points if strain is Strain.LINEAR else mesh.points + displacement
-    a, b, c = (places[load.facets[:, k]] for k in range(3))
+    positions = mesh.points if strain is Strain.LINEAR else mesh.points + displacement
+    a, b, c = (positions[load.facets[:, k]] for k in range(3))
     thirds = -load.pressure / 6.0 * np.cross(b - a, c - a)
     return sum_at_points(load.facets, np.repeat(thirds[:, None], 3, axis=1), mesh.num_points)
 
@@ -107,9 +107,9 @@ def _integrated(mesh: TetMesh, spring: Spring, kappa: Floats, field: Points) -> 
     """Integral of kappa f N_a over the patch; both by the corners of the facets."""
     force = np.zeros_like(mesh.points)
     areas = facet_areas(mesh.points, spring.facets)
-    for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
-        pushed = (weight * areas * (kappa @ place))[:, None] * np.einsum("k,mkj->mj", place, field)
-        for corner, fraction in enumerate(place):
+    for point, weight in zip(FACET_POINTS, FACET_WEIGHTS, strict=True):
+        pushed = (weight * areas * (kappa @ point))[:, None] * np.einsum("k,mkj->mj", point, field)
+        for corner, fraction in enumerate(point):
             np.add.at(force, spring.facets[:, corner], fraction * pushed)
     return force
 
@@ -382,7 +382,7 @@ class Body:
         """How far fixed components are from where supports put them [m], 0 elsewhere."""
         gap = np.where(self.fixed, self.prescribed - displacement, 0.0)
         if self.slopes is not None:
-            slid = self.slopes.places - self.slopes.fixed_part(displacement)
+            slid = self.slopes.displacements - self.slopes.fixed_part(displacement)
             gap[self.slopes.points] = slid
         return gap
 

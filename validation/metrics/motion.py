@@ -231,7 +231,7 @@ class NumericalDamping:
         )
 
 
-def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDamping:
+def measure_numerical_damping(problem: Problem, state: State) -> NumericalDamping:
     """Damping by the scheme that a result states, and the damping that it has.
 
     measured = (g - lambda / 2) / w - beta w / 2 for a decay exp(-g t) at w = 2 pi f under mass
@@ -240,7 +240,7 @@ def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDampi
 
     Args:
         problem: The case's.
-        answer: A motion with `steps`.
+        state: A motion with `steps`.
 
     Raises:
         InputError: No motion, no stated scheme, nothing that swings for two periods and a quarter,
@@ -249,8 +249,8 @@ def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDampi
     Note:
         Two modes of nearly one frequency beat: what is measured then is that of neither.
     """
-    motion = answer.trajectory
-    if motion is None or answer.steps is None or problem.time is None:
+    motion = state.trajectory
+    if motion is None or state.steps is None or problem.time is None:
         raise InputError("numerical damping is of a motion whose scheme and step are stated")
     point, axis = swinging_most(motion)
     along = motion.displacements[:, point] @ axis
@@ -260,11 +260,11 @@ def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDampi
     off = fit_uncertainty(motion.times[late], along[late], swing).damping * swing.frequency
     off += abs(swing.damping - whole.damping)
     omega = 2.0 * math.pi * swing.frequency
-    angle = true_angle(answer.steps, swing.frequency)
+    angle = true_angle(state.steps, swing.frequency)
     return NumericalDamping(
-        answer.steps,
+        state.steps,
         swing.frequency,
-        numerical_damping_ratio(answer.steps.integrator, angle),
+        numerical_damping_ratio(state.steps.integrator, angle),
         (swing.damping - 0.5 * problem.time.mass_damping) / omega
         - 0.5 * problem.time.stiffness_damping * omega,
         off / omega,

@@ -101,8 +101,8 @@ def read_between(mesh: TetMesh, displacement: Points, degree: int, own: TetMesh)
     outside = location.distances > 0.0
     if outside.any():
         beyond = own.points - location.read(mesh.cells, mesh.points)
-        at_place = np.einsum("pa,paij->pij", weights, gradients)
-        continued = np.einsum("pij,pj->pi", at_place, beyond)[outside]
+        at_nearest = np.einsum("pa,paij->pij", weights, gradients)
+        continued = np.einsum("pij,pj->pi", at_nearest, beyond)[outside]
         added[outside] += continued
         doubt[outside] += np.linalg.norm(continued, axis=1)
     return Reading(linear + added, added, doubt)
@@ -194,7 +194,7 @@ def own_reactions(
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
     force = body_of(own, strain, candidate.element).internal(displacement)
-    is_held = fixed_components(problem)[0] > 0
+    is_fixed = fixed_components(problem)[0] > 0
     # Loads near a support, and pressure, may be applied to the wrong points.
     loose = np.zeros(mesh.num_points)
     # So may a weight: a result of the case's mesh, sent on a finer one, is balanced on its own.
@@ -211,7 +211,7 @@ def own_reactions(
         loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
         if isinstance(load, Pressure):
             # As `support_reactions` has it: not subtracted where the body is fixed.
-            at_points = np.where(is_held, 0.0, at_points)
+            at_points = np.where(is_fixed, 0.0, at_points)
         force -= spread(at_points)
     time = None if problem.time is None else problem.time.end_time
     for spring in problem.springs:
@@ -220,7 +220,7 @@ def own_reactions(
         force -= spread(at_points)
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size
-    fractions = np.array([_held_fraction(problem, s.points, mesh) for s in problem.supports])
+    fractions = np.array([_fixed_fraction(problem, s.points, mesh) for s in problem.supports])
     expected = body_of(problem, reference.strain, reference.element).support_reactions(
         reference.displacement
     )
@@ -241,11 +241,11 @@ def own_reactions(
     return float(np.max(errors)), float(np.max(doubts))
 
 
-def _held_fraction(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
+def _fixed_fraction(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
     """How far each own point is a fixed one: 1 at fixed points, 0 where no corner is."""
-    is_held = np.zeros((problem.mesh.num_points, 1))
-    is_held[points] = 1.0
-    return locate_points(problem.mesh, own).read(problem.mesh.cells, is_held)[:, 0]
+    is_fixed = np.zeros((problem.mesh.num_points, 1))
+    is_fixed[points] = 1.0
+    return locate_points(problem.mesh, own).read(problem.mesh.cells, is_fixed)[:, 0]
 
 
 def _with_neighbours(own: TetMesh, is_chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -83,8 +83,8 @@ class SinglePrecision:
         elif CATALOGUE[metric].needs_tools:
             found = SAFETY * (relative or self._of_tools(reference))
         else:
-            answers = self._answers(reference, relative)
-            found = max(measure(metric, self._problem, a, reference, part).value for a in answers)
+            rounded = self._rounded(reference, relative)
+            found = max(measure(metric, self._problem, a, reference, part).value for a in rounded)
         return min(float(f"{found:.2g}"), LARGEST) if math.isfinite(found) else LARGEST
 
     def limit_of_number(
@@ -94,7 +94,7 @@ class SinglePrecision:
         relative = 0.0
         if reference.trajectory is not None:
             relative = rounding_of_motion(self._problem, reference)
-        numbers = [read(state) for state in (reference, *self._answers(reference, relative))]
+        numbers = [read(state) for state in (reference, *self._rounded(reference, relative))]
         values = [math.inf if number is None else number.value for number in numbers]
         worst = max(abs(value - values[0]) for value in values[1:]) / expected
         return min(float(f"{worst:.2g}"), LARGEST) if math.isfinite(worst) else LARGEST
@@ -128,7 +128,7 @@ class SinglePrecision:
             found.append((moved, force))
         return tuple(found)
 
-    def _answers(self, reference: State, relative: float) -> list[State]:
+    def _rounded(self, reference: State, relative: float) -> list[State]:
         """Results as far off as SAFETY times rounding may lead."""
         mesh, states = self._problem.mesh, []
         for field, _ in self._fields:
@@ -136,8 +136,8 @@ class SinglePrecision:
             if reference.trajectory is not None:
                 largest = float(np.abs(reference.trajectory.displacements).max())
                 size *= relative * largest / max(float(np.abs(field).max()), math.ulp(0.0))
-            places = (mesh.points + reference.displacement + size * field).astype(np.float32)
-            measures = measures_of(mesh, places - mesh.points)
+            positions = (mesh.points + reference.displacement + size * field).astype(np.float32)
+            measures = measures_of(mesh, positions - mesh.points)
             states.append(dataclasses.replace(reference, simulator="", stresses=None, **measures))
         return states
 

@@ -77,8 +77,8 @@ class Smoothing:
         shape = energy_density(law, _gradient_of(of_edges), np.zeros_like(mu), mu, c01, terms)
         g = np.log1p(measures) if law.is_by_log_of_volume else measures
         volume = 0.5 * _by_patch(nodes, self._lmbda) * g**2
-        shares = self._volumes[:, None]
-        return float((shares / 6 * shape[edges]).sum() + (shares / 4 * volume[nodes]).sum())
+        volumes = self._volumes[:, None]
+        return float((volumes / 6 * shape[edges]).sum() + (volumes / 4 * volume[nodes]).sum())
 
     def law_stress(self, law: Law, H: Array, terms: OgdenTerms = ()) -> Array:
         """P of displacement gradients by cell by another law [Pa], (num_cells, 3, 3).

@@ -31,7 +31,7 @@ _PEAKS = 5
 _FITTED = 4
 # Cosine and sine are separated where their Gram determinant is this part of what it would be
 # at right angles.
-_TOLD = 1e-8
+_DETERMINED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -272,9 +272,9 @@ def _nearest_fits(
         products = (cosine, cosine), (sine, sine), (cosine, sine)
         aa, bb, ab = (np.einsum("wt,wt->w", *pair) for pair in products)
         determinant = aa * bb - ab**2
-        is_told = determinant > _TOLD * aa * bb
-        fitted = (bb * a**2 - 2.0 * ab * a * b + aa * b**2) / np.where(is_told, determinant, 1.0)
-        explained = np.where(is_told, fitted, np.inf)
-        count = _FITTED + int(np.count_nonzero(~is_told))
+        is_known = determinant > _DETERMINED * aa * bb
+        fitted = (bb * a**2 - 2.0 * ab * a * b + aa * b**2) / np.where(is_known, determinant, 1.0)
+        explained = np.where(is_known, fitted, np.inf)
+        count = _FITTED + int(np.count_nonzero(~is_known))
         few += [(k, g) for k in np.argsort(-explained, kind="stable")[:count]]
     return few

@@ -89,7 +89,7 @@ class BarParts:
         """The same in another unit; what is not there at all stays 0 in every one."""
         return BarParts(**{n: v * factor if v else 0.0 for n, v in vars(self).items()})
 
-    def told(self, *, with_geometry: bool = False) -> dict[str, float]:
+    def reported(self, *, with_geometry: bool = False) -> dict[str, float]:
         """The parts that are there, by name, the largest first."""
         present = {n: v for n, v in vars(self).items() if v and (with_geometry or n != "geometry")}
         return dict(sorted(present.items(), key=lambda item: -item[1]))
@@ -99,7 +99,7 @@ class BarParts:
         least = _WORTH_REPORTING * self.whole
         parts = [
             f"{_WORDS.get(n, n)} {v:.2g}"
-            for n, v in self.told(with_geometry=with_geometry).items()
+            for n, v in self.reported(with_geometry=with_geometry).items()
             if v >= least or math.isinf(v)
         ]
         return ", ".join(parts) if len(parts) > 1 else ""

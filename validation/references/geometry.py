@@ -40,7 +40,7 @@ from palpate.validation.metrics.stress import resultant, scale_of_force
 from palpate.validation.references.adaptive_truth import ENERGY, TruthRequest, whole_metrics
 from palpate.validation.references.bars import GEOMETRY, PARTS, BarParts, as_record
 from palpate.validation.references.motions import difference, truth_metrics
-from palpate.validation.references.reference_set import Place, ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet, StateKey
 from palpate.validation.references.runs import (
     TIME_LIMIT,
     at_points_of,
@@ -161,7 +161,7 @@ def with_geometry(
         found[strain] = dict.fromkeys((*_metrics(case.problem), *named), math.inf)
     if failures:
         record["failures"] = failures
-    rows: dict[Place, BarParts] = {
+    rows: dict[StateKey, BarParts] = {
         (name, strain): dataclasses.replace(references.bar_parts(name, strain), geometry=apart)
         for strain, numbers in found.items()
         for name, apart in numbers.items()

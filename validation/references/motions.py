@@ -58,8 +58,8 @@ from palpate.validation.references.reference_set import (
     OF_ELEMENT,
     QUADRATIC,
     TRUTH,
-    Place,
     ReferenceSet,
+    StateKey,
 )
 from palpate.validation.references.runs import (
     TIME_LIMIT,
@@ -126,10 +126,10 @@ def solve_motion_set(
         ReferenceUnavailableError: No FEniCSx here.
         ReferenceFailedError: A run failed, and the set is for storing: nothing incomplete is.
     """
-    states: dict[Place, State] = {}
+    states: dict[StateKey, State] = {}
     bars: Bars = {}
-    parts: dict[Place, BarParts] = {}
-    failures: dict[Place, str] = {}
+    parts: dict[StateKey, BarParts] = {}
+    failures: dict[StateKey, str] = {}
     origin: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
@@ -179,7 +179,7 @@ def solve_motion_set(
 
 @contextmanager
 def _failure_recorded(
-    failures: dict[Place, str], place: Place, is_for_storing: bool
+    failures: dict[StateKey, str], place: StateKey, is_for_storing: bool
 ) -> Iterator[None]:
     """A run that fails is reported, unless it is for storing, or none can succeed here."""
     try:
@@ -190,7 +190,7 @@ def _failure_recorded(
         failures[place] = f"{place[0]} in motion: {error}"
 
 
-def _truths(stored: ReferenceSet) -> dict[Place, State]:
+def _truths(stored: ReferenceSet) -> dict[StateKey, State]:
     on_mesh = OF_ELEMENT.values()
     return {place: state for place, state in stored.states.items() if place[0] not in on_mesh}
 

@@ -35,7 +35,7 @@ SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
 _STORED_TO = 2.0**-23
 
 # A label and a strain measure.
-Place = tuple[str, Strain]
+StateKey = tuple[str, Strain]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,13 @@ class ReferenceSet:
         remarks: What a reader must know of its bars, a sentence each.
     """
 
-    states: Mapping[Place, State]
-    bars: Mapping[Place, float]
+    states: Mapping[StateKey, State]
+    bars: Mapping[StateKey, float]
     origin: str
-    failures: Mapping[Place, str] = field(default_factory=dict)
+    failures: Mapping[StateKey, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     element: Element = Element.LINEAR
-    aside: Mapping[Place, State] = field(default_factory=dict)
+    aside: Mapping[StateKey, State] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     def of_element(self, element: Element) -> ReferenceSet:

@@ -240,7 +240,7 @@ def _gap_of_slopes(problem: Problem, time: float | None, displacement: Points) -
     slopes = sliding_points(problem, time)
     if slopes is None:
         return 0.0
-    return float(np.abs(slopes.fixed_part(displacement) - slopes.places).max())
+    return float(np.abs(slopes.fixed_part(displacement) - slopes.displacements).max())
 
 
 def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
@@ -253,9 +253,9 @@ def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
         size = abs(found) if name != "smallest_det_f" else max(abs(found), 1.0)
         if not abs(stated - found) <= _ROUNDING * size:
             yield f"{name} is said to be {stated:.9g}, but its displacement makes it {found:.9g}"
-    told_all = [float(getattr(state, name)) for name in SCALARS]
-    if not np.isfinite(told_all).all():
-        yield f"{', '.join(SCALARS)} = {told_all}: not all finite"
+    values = [float(getattr(state, name)) for name in SCALARS]
+    if not np.isfinite(values).all():
+        yield f"{', '.join(SCALARS)} = {values}: not all finite"
     # Of all bodies of an area the ball holds most: A^3 >= 36 pi V^2.
     elif state.surface_area**3 < 36.0 * math.pi * state.volume**2 * (1.0 - _ROUNDING):
         yield (

@@ -52,8 +52,8 @@ from palpate.validation.references.reference_set import (
     SAME_MESH,
     SMOOTHED,
     TRUTH,
-    Place,
     ReferenceSet,
+    StateKey,
 )
 from palpate.validation.references.runs import first_state, solve_state, state_of, stresses_of
 from palpate.validation.states import Progress, State
@@ -98,7 +98,7 @@ def solve_for_storing(
             truth_strains=strains,
         )
     request = request or _whole(problem)
-    states: dict[Place, State] = {}
+    states: dict[StateKey, State] = {}
     bars: Bars = {}
     records: dict[str, Any] = {}
     # First: on several ranks smoothed tetrahedra are solved beside all that these hold.
@@ -162,7 +162,7 @@ def solve_live(
     has_stress: bool = True,
     strains: Collection[Strain] = tuple(Strain),
     unknowns: float = UNKNOWNS,
-    known: Mapping[Place, State] | None = None,
+    known: Mapping[StateKey, State] | None = None,
 ) -> ReferenceSet:
     """Solve P1 on the case's mesh and the truth; of a motion what is `wanted`.
 
@@ -249,11 +249,11 @@ class _LiveRun:
         problem: Problem,
         progress: Progress,
         asked: TruthRequest,
-        known: Mapping[Place, State],
+        known: Mapping[StateKey, State],
     ) -> None:
         self.problem, self.progress, self.asked = problem, progress, asked
-        self.states: dict[Place, State] = dict(known)
-        self.failures: dict[Place, str] = {}
+        self.states: dict[StateKey, State] = dict(known)
+        self.failures: dict[StateKey, str] = {}
         self.records: dict[str, Any] = {}
         self._graded: Bars = {}
         self._remarks: list[str] = []
@@ -383,7 +383,7 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
     return {m: bar if has_limit(m, strain) else math.inf for m, bar in bars.items()}
 
 
-def estimate_bars(problem: Problem, states: Mapping[Place, State]) -> Bars:
+def estimate_bars(problem: Problem, states: Mapping[StateKey, State]) -> Bars:
     """P1 against P2 on the same mesh, for every metric and strain; see `saturated`.
 
     Single numbers of the two may agree by chance. So the largest displacement has the bar of the

@@ -24,7 +24,7 @@ from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.untrusted import parse_json, read_npz
 from palpate.validation.exchange.case_folder import array_hash
-from palpate.validation.references.reference_set import SCALARS, Place, ReferenceSet
+from palpate.validation.references.reference_set import SCALARS, ReferenceSet, StateKey
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.states import REFERENCE, State, StressIntegrals, Trajectory
 
@@ -388,7 +388,7 @@ def read_reference(path: Path) -> tuple[ReferenceSet, str]:
 
 
 def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> ReferenceSet:
-    states: dict[Place, State] = {}
+    states: dict[StateKey, State] = {}
     for index, entry in enumerate(header["states"]):
         strain, details = Strain(entry["strain"]), dict(entry["details"])
         forces, versions = details.pop("tool_forces", None), dict(details.pop("versions", {}))

@@ -138,8 +138,8 @@ def _own_parts(case: Case, units: Units) -> list[CurvedPart]:
 def _along(mesh: TetMesh, surface: TriSurface) -> list[CurvedPart]:
     """The whole boundary, each point at the nearest point of a surface."""
 
-    def project(places: Points) -> Points:
-        found = nearest_on_surface(places, surface.points, surface.facets)
+    def project(positions: Points) -> Points:
+        found = nearest_on_surface(positions, surface.points, surface.facets)
         corners = surface.points[surface.facets[found.facets]]
         near: Points = (found.weights[:, :, None] * corners).sum(axis=1)
         return near

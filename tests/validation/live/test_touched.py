@@ -227,8 +227,8 @@ def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
                 pane.let_go()
             if grip.begin <= step < (grip.end or 10**9):
                 x, y, z = grip.positions[(step - grip.begin) // clock.steps]
-                anchor = np.array(case.spec.units.place((x, y, z)))
-            pane.advance(np.array(case.spec.units.place(pose.position)), anchor, each)
+                anchor = np.array(case.spec.units.lengths((x, y, z)))
+            pane.advance(np.array(case.spec.units.lengths(pose.position)), anchor, each)
             if (number + 1) * each % (whole.num_steps // span.num_outputs) == 0:
                 forces.append(pane.mean_force())
         assert not pane.trouble

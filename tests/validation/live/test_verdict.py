@@ -42,11 +42,11 @@ def pressed(
     for tick in range(1, ticks + 1):
         x, y, z = live.start + (goal - live.start) * tick / ticks
         for pane in panes:
-            pane.advance(np.array(case.spec.units.place((x, y, z))), None, live.clock.steps)
+            pane.advance(np.array(case.spec.units.lengths((x, y, z))), None, live.clock.steps)
     x, y, z = goal
     while not settling.is_over:
         for pane in panes:
-            pane.advance(np.array(case.spec.units.place((x, y, z))), None, live.clock.steps)
+            pane.advance(np.array(case.spec.units.lengths((x, y, z))), None, live.clock.steps)
         if settling.note([pane.displacement for pane in panes]) and not settling.is_over:
             for pane in panes:
                 pane.mean_force()
@@ -95,11 +95,11 @@ def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
         pane.hold(grip.spring)
     grip.hand.send(grip.first + np.array([2.56, 1.92, 0.0]))
     x, y, z = live.start
-    away, settling = np.array(case.spec.units.place((x, y, z))), Settling(live.clock.tick)
+    away, settling = np.array(case.spec.units.lengths((x, y, z))), Settling(live.clock.tick)
     while not settling.is_over:
         x, y, z = grip.hand.next_position()
         for pane in panes:
-            pane.advance(away, np.array(case.spec.units.place((x, y, z))), live.clock.steps)
+            pane.advance(away, np.array(case.spec.units.lengths((x, y, z))), live.clock.steps)
         settling.note([pane.displacement for pane in panes])
     nothing = [np.zeros(3)] * len(panes)
     path, answers = write_pose(

@@ -31,7 +31,7 @@ def test_parts_add_and_geometry_stands_beside():
     parts = BarParts(discretisation=0.3, algebra=0.02, time=0.1, geometry=9.0, stated=0.05)
     assert parts.whole == pytest.approx(0.47)
     assert parts.times(2.0).whole == pytest.approx(0.94)
-    assert list(parts.told()) == ["discretisation", "time", "stated", "algebra"]
+    assert list(parts.reported()) == ["discretisation", "time", "stated", "algebra"]
     assert parts.says() == "mesh 0.3, time 0.1, stated 0.05, algebra 0.02"
     assert parts.says(with_geometry=True).startswith("geometry 9, mesh 0.3")
     # One part is the whole, and what is below a hundredth is not told.
