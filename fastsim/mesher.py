@@ -2,7 +2,7 @@
 
 Steps 1 to 5 (circum-cube of five cells, lattice, jitter, interior points, insertion) and the
 clean-up of slivers are in the core: its folders lattice, delaunay, recovery and slivers, and
-mesher, which puts them together. The surface is kept as it is given.
+mesher, which puts them together. The surface is preserved as given.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _ATTEMPTS = (
     (1, 0.70, 1.0),
     (2, 0.80, 2.0),
 )
-# Cells with a dihedral angle below about 33 degrees are worked on: sin 32.7 = 0.54.
+# Cells with a dihedral angle below about 33 degrees are improved: sin 32.7 = 0.54.
 _SLIVER_TARGET = 0.54
 # Largest edge of a graded interior if no length is given, in mean edges of the surface.
 LARGEST_GRADED = 8.0
@@ -49,9 +49,9 @@ LARGEST_GRADED = 8.0
 # needs 7 for each cell.
 _LEAST_WORK, _WORK_PER_CELL = 100_000, 1.0
 _UNBOUNDED_WORK = 2**62
-# Of a mesh, for each point of the surface and each inside, about.
+# Approximate number of cells of a mesh for each point of the surface, and each inside.
 _CELLS_PER_POINT = (2.7, 6.0)
-# Of the lattice in the surface's box, mostly empty or not: each takes some 70 ns.
+# Largest number of cubes of the lattice in the surface's box, empty ones too; each takes 70 ns.
 _MOST_CUBES = 5e8
 # Pairs of facets that an error names at most: a surface on itself has millions.
 _MOST_PAIRS = 1000
@@ -69,7 +69,7 @@ class TimeLimitError(InputError):
 
 
 class MeshingError(InputError):
-    """This mesher does not manage a surface."""
+    """A surface that this mesher cannot mesh."""
 
 
 class FlatPointsError(MeshingError):
@@ -103,7 +103,7 @@ class BoundaryRecoveryError(MeshingError):
 
 
 class Boundary(StrEnum):
-    """What becomes of the given facets."""
+    """Treatment of the given facets."""
 
     KEPT = "kept"
     FREE = "free"
@@ -121,14 +121,14 @@ class FlatCellError(MeshingError):
 
 
 class Interior(StrEnum):
-    """How cells change away from the surface."""
+    """Change of the cell size away from the surface."""
 
     UNIFORM = "uniform"
     GRADED = "graded"
 
 
 class Lattice(StrEnum):
-    """Where the candidates for inner points lie."""
+    """Lattice of the candidates for inner points."""
 
     PAPER = "paper"
     BODY_CENTRED = "body_centred"
@@ -212,13 +212,13 @@ def mesh_surface(
             the surface's thinnest facet and mean edge suggest.
         time_limit: Seconds after which there is an error and no mesh, > 0; None is no limit.
         progress: Called with a line for each stage, and how much there is to do.
-        report: Called with what was done, when it is.
+        report: Called at the end with a report of the mesher.
 
     Returns:
         A mesh whose first points are the surface's and whose boundary facets are the
         surface's; every cell is positive by the exact predicate, and the volume is the
         surface's. Only where a point had to be left on a facet is that facet cut at it: seen on
-        Chazelle's polyhedra with hundreds of facets in common planes, and said in the report.
+        Chazelle's polyhedra with hundreds of facets in common planes, and stated in the report.
 
     Raises:
         InputError: A size field that gives no size, or asks for too many cells.

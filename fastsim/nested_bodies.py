@@ -1,8 +1,8 @@
 """Bodies in each other, or side by side, as one mesh: organ, vessel, tumour.
 
-Each region, what a surface encloses less what lies in it, is meshed by itself with all facets kept;
-so regions share points and facets, and the whole is conforming. Where two surfaces have a facet in
-common neither region there needs it: it cancels.
+Each region, what a surface encloses less what lies in it, is meshed by itself and preserves all
+facets; so regions share points and facets, and the whole is conforming. Where two surfaces have a
+facet in common neither region there needs it: it cancels.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from palpate.meshes.surface_checks import merge_equal_points, require_closed
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import NonManifoldError, SurfaceError, TriSurface
 
-# Pairs of crossing facets that are looked for.
+# Largest number of pairs of crossing facets to find.
 _MOST_PAIRS = 1000
 
 
 class CrossingBodiesError(SurfaceError):
-    """Two surfaces that cut or touch each other; `.names`, `.pairs` and `.why` say which and how.
+    """Two surfaces that cut or touch each other; `.names`, `.pairs` and `.why` state which and how.
 
-    Facets of each pair are numbers in the two surfaces; `.places` are the first one's centres [m].
+    Pairs are numbers of facets in the two surfaces; `.places` are centres of the first ones [m].
     """
 
     def __init__(
@@ -74,7 +74,7 @@ def mesh_bodies(
     """Fill closed surfaces, which may lie in each other or share facets, with one mesh.
 
     Args:
-        surfaces: By name [m]; each bounds a solid. Points in one place bit for bit are one point.
+        surfaces: By name [m]; each bounds a solid. Points with equal coordinates are one point.
         make: Fills one region and reports; `mesh_surface` where None.
 
     Returns:
@@ -132,7 +132,7 @@ def _common(surfaces: Mapping[str, TriSurface]) -> _Bodies:
 
 
 def _refuse_crossings(names: list[str], union: TriSurface, ends: NDArray[np.int64]) -> None:
-    """Facets of two surfaces in one place are no crossing."""
+    """Refuse surfaces that cross; coincident facets of two surfaces are no crossing."""
     _, first = np.unique(np.sort(union.facets, axis=1), axis=0, return_index=True)
     first = np.sort(first)
     pairs = first[

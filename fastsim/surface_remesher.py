@@ -1,9 +1,9 @@
 """Better triangles on a surface, within a stated distance of it: the mesher's free boundary.
 
-Poor triangles (marching cubes, decimation) bound the quality of every mesh that keeps them. Where
+Poor triangles (marching cubes, decimation) limit the quality of every mesh with them. Where
 the surface may move a little, this gives it others: splits, collapses, flips and moves after
 Botsch and Kobbelt (2004), each refused where the surface would leave the distance. Sharp edges
-are kept, and so is the enclosed volume, as far as the distance allows (kept_volume).
+are preserved, and so is the enclosed volume, as far as the distance allows (`keep_volume`).
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class RemeshError(MeshError):
 
 @dataclass(frozen=True)
 class RemeshReport:
-    """What was done.
+    """Changes of a surface by remeshing.
 
     Attributes:
         distance: Largest distance of either surface from the other, measured at points, middles
             of edges and centres of facets [m].
         volume_change: Enclosed volume over the given one, minus 1; not 0 to rounding where the
             distance did not allow to move further.
-        splits, collapses, flips, moves: Steps taken.
+        splits, collapses, flips, moves: Numbers of these steps.
         smallest_angle_before, smallest_angle_after: Of all facets [degrees].
     """
 
@@ -153,23 +153,24 @@ def _smallest_angle(corners: Points) -> float:
 
 # A point whose facets face further apart than this from its normal lies on a sharp edge.
 _SHARP_COSINE = np.cos(np.radians(35.0))
-# Of the factor: 0.75 is a paraboloid's over its middle.
+# Largest factor: 0.75 is a paraboloid's over its middle.
 _LARGEST_FACTOR = 3.0
 _ROUNDS = 3
 _TRIES = 8
 _STEPS = 20
-# Of the volume; what is left after a round is the next one's.
+# Tolerance of the volume; the next round corrects the remaining difference.
 _CLOSE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class KeptVolume:
-    """Points moved for the volume's sake.
+    """Points moved to preserve the volume.
 
     Attributes:
         points: [m], shape (num_points, 3).
         distance: Of either surface from the other afterwards [m], where it is measured.
-        part: Of the missing volume that came back, 0 to 1; below 1 the distance was the limit.
+        part: Fraction of the missing volume that was restored, 0 to 1; below 1 the distance was
+            the limit.
     """
 
     points: Points
@@ -191,8 +192,8 @@ def keep_volume(
         points: Of the new surface [m], shape (num_points, 3).
         facets: Shape (num_facets, 3).
         given: Points and facets of the given surface.
-        distance: At most, of either surface from the other [m].
-        reached: That of the new surface as it is [m].
+        distance: Largest allowed distance of either surface from the other [m].
+        reached: This distance before the move [m].
     """
     searched = _core.SurfaceDistance(*given)
     wanted = _volume(*given)
@@ -220,7 +221,7 @@ def keep_volume(
 
 
 def _moves(points: Points, facets: Indices, searched: _core.SurfaceDistance) -> Points:
-    """Where each point goes for a factor of 1 [m]."""
+    """Displacement of each point for a factor of 1 [m]."""
     corners = points[facets]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sizes = np.linalg.norm(areas, axis=1)
@@ -249,7 +250,7 @@ def _moves(points: Points, facets: Indices, searched: _core.SurfaceDistance) -> 
 
 
 def _factor(points: Points, facets: Indices, moves: Points, wanted: float) -> float:
-    """For which the volume is as wanted, or as near to it as the largest factor comes."""
+    """The factor by which the volume is as wanted, or as near to it as the largest one gets."""
     low, high = 0.0, 1.0
     gap = wanted - _volume(points, facets)
 

@@ -1,11 +1,11 @@
 """The explicit step on devices, by Warp: one source for a GPU and for the processor.
 
-The only place that imports Warp, and only inside functions: everything else works without it.
-A step is some launches, each over all bodies of a batch and their cells or points:
+Only this package imports Warp, and only inside functions: everything else works without it.
+A step is a sequence of launches, each over all bodies of a batch and their cells or points:
 
 1. `kernels/elasticity.py` or `kernels/smoothing.py`: forces of each cell on its corners
 2. `kernels/gathering.py`: summed at each point, always in the same order (repeatable), or added by
-   atomic operations as they come (fast)
+   atomic operations in any order (fast)
 3. `kernels/loading.py`: dead loads, follower pressure, supports that move or slide
 4. `kernels/touching.py`: tools
 5. `kernels/stepping.py`: eq. 12, and the count of steps

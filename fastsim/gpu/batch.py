@@ -1,6 +1,6 @@
 """Several bodies in one launch: one mesh with other materials, loads, supports or steps.
 
-What parameter studies and learning need: a small body does not fill a GPU, many of them do.
+For parameter studies and learning: a small body does not fill a GPU, many of them do.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ def simulate_batch(
 ) -> tuple[DynamicResult | BlowUpError, ...]:
     """Run several problems side by side, each over its own time span with its own step.
 
-    Bit for bit what `simulate` answers to each of them on the same device, if repeatable.
+    Each result is that of `simulate` on the same device, bit for bit if repeatable.
 
     Args:
-        problems: All on one mesh, each with a time span of as many outputs. Tools may go other
-            ways, but touch the same facets.
+        problems: All on one mesh, each with a time span of as many outputs. Tools may have
+            other paths, but touch the same facets.
         device: "cuda:0", or "warp:cpu".
-        strain: Engineering or Green strain.
+        strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed.
         precision: Of the step.
-        is_repeatable: Sums in one order, bit for bit; else as they come.
+        is_repeatable: Sums in one order, bit for bit; else in any order.
         tracks_energy: Sum up work and losses at every step.
 
     Returns:
-        A trajectory for each, or what ended it: one that blows up does not end the others.
+        A trajectory for each, or the error that ended it: a blow-up does not end the others.
 
     Raises:
-        InputError: No problems, or such as do not go together; see `simulate` for each.
+        InputError: No problems, or ones that differ too much; see `simulate` for each.
         UnsupportedOnDeviceError: The compiled core ("cpu") runs no batches.
 
     Example:
@@ -105,7 +105,7 @@ def simulate_batch(
 
 
 def _step(bodies: Sequence[ExplicitBody], batch: BatchRun, ended: dict[int, BlowUpError]) -> None:
-    """All of them to their next output; those that have ended stay."""
+    """Step all bodies to their next output; those that have ended stay."""
     plans = [
         Plan(*body.rows(0 if number in ended else body.steps_per_output))
         for number, body in enumerate(bodies)
@@ -119,18 +119,18 @@ def _step(bodies: Sequence[ExplicitBody], batch: BatchRun, ended: dict[int, Blow
 
 
 def shared_state(body: ExplicitBody) -> dict[str, Any]:
-    """What the steps read and write, by DLPack (`torch.from_dlpack`, `jax.dlpack.from_dlpack`).
+    """The arrays of the steps, by DLPack (`torch.from_dlpack`, `jax.dlpack.from_dlpack`).
 
-    Always the same memory, in the precision of the step and the numbers of the mesh's points: what
-    a step makes of it is seen in it. On a GPU the steps run on Warp's stream; wait for them, or use
-    that one. Not to be written to: the sums of energy would not know (`set_state` does).
+    Always the same memory, in the precision of the step and the order of the mesh's points, which
+    each step updates. On a GPU the steps run on Warp's stream; wait for them, or use
+    that one. Not to be written to, since the sums of energy would miss it; use `set_state`.
 
     Args:
         body: With device "warp:cpu" or "cuda:0".
 
     Returns:
-        `displacement` and `increment` (over the last step) [m], `force` (internal, less what
-        pushes besides dead loads) and `external_force` (the dead loads) [N], shape (num_points, 3).
+        `displacement` and `increment` (over the last step) [m], `force` (internal, less all
+        but dead loads) and `external_force` (the dead loads) [N], shape (num_points, 3).
 
     Raises:
         InputError: A body of the compiled core, whose arrays have another order.

@@ -1,8 +1,8 @@
-"""A batch of bodies on a device: plans in, states out. All steps of a call are one go.
+"""A batch of bodies on a device: plans in, states out, all steps of a call without a stop.
 
 On a GPU a block of `BLOCK` steps with the monitor's look is captured as a CUDA graph once and
-replayed: the rows of the plan are counted on the device, so that a graph knows no step's number.
-On the processor Warp records and replays the same launches, by which tests prove the path.
+replayed: the rows of the plan are counted on the device, so that a graph contains no step's number.
+On the processor Warp records and replays the same launches, by which tests verify this.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _TOOL_STEP = 13  # numbers
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What drives the steps of a body: a row for the time before each, and one for the end.
+    """Factors and tools for the steps of a body: a row before each step, and one for the end.
 
     Attributes:
-        factors: Of its histories [-], shape (num_steps + 1, num_histories).
-        tools: Where its tools' paths are, shape (num_steps + 1, 13 num_tools).
+        factors: Of the body's histories [-], shape (num_steps + 1, num_histories).
+        tools: Poses and drives of its tools, shape (num_steps + 1, 13 num_tools).
     """
 
     factors: Floats
@@ -41,13 +41,13 @@ class Plan:
 
     @property
     def num_steps(self) -> int:
-        """Between the rows."""
+        """Number of steps between the rows."""
         return len(self.factors) - 1
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Good steps done in a call, why it ended, and the point that moved fastest, or -1."""
+    """Number of accepted steps of a call, why it ended, and the fastest point, or -1."""
 
     steps_done: int
     reason: _core.StopReason
@@ -61,16 +61,16 @@ class BatchRun:
         bodies: One or more, with the same mesh, strain and element.
         device: "warp:cpu" or "cuda:0".
         precision: "float32" or "float64".
-        is_repeatable: Two runs have the same bits; else forces are added as they come, which
-            takes a launch less and no room for the forces of single cells.
-        tracks_energy: Keep the balance of energy.
+        is_repeatable: Two runs have the same bits; else forces are added in any order, which
+            needs a launch less and no memory for the forces of single cells.
+        tracks_energy: Whether to compute the balance of energy.
 
     Attributes:
-        uses_graphs: Whether blocks of steps are captured; on a GPU where nobody says otherwise.
-        launches: What is launched, and the arrays.
+        uses_graphs: Whether blocks of steps are captured as graphs; by default on a GPU.
+        launches: The launches and their arrays.
 
     Raises:
-        InputError: Bodies that do not go together.
+        InputError: Bodies that differ too much for a batch.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class BatchRun:
         return len(self._bodies)
 
     def set_state(self, body: int, displacement: Points, increment: Points, energy: float) -> None:
-        """Start a body afresh. `energy` is what the state holds already [J], for the monitor."""
+        """Start a body afresh. `energy` is that of the state [J], for the monitor."""
         m, held = self.launches.motion, self._bodies[body].is_free == 0
         start = np.where(held, 0.0, increment)
         for name, rows in (
@@ -131,7 +131,7 @@ class BatchRun:
                 array[body].zero_()
 
     def set_dead_load(self, body: int, history: int, forces: Points) -> None:
-        """Other dead loads of a history [N]."""
+        """Replace the dead loads of a history [N]."""
         self._bodies[body].dead[history] = forces.copy()
         loads = self.launches.loads
         if history in loads.numbers:
@@ -173,7 +173,7 @@ class BatchRun:
         return self._outcomes()
 
     def look(self, plans: Sequence[Plan], bodies: Sequence[int]) -> list[Outcome]:
-        """Find all that pushes at the present state of some bodies, for records and energies."""
+        """Find all forces at the present state of some bodies, for records and energies."""
         self._upload(plans)
         going = np.zeros(len(self), dtype=np.int32)
         going[list(bodies)] = 1
@@ -193,14 +193,14 @@ class BatchRun:
         return found
 
     def internal_force(self, body: int) -> Points:
-        """R(a) as the kernels see it [N], shape (num_points, 3)."""
+        """R(a) as computed by the kernels [N], shape (num_points, 3)."""
         self._begin(np.ones(len(self), dtype=np.int32))
         self.launches.find_internal_force()
         force: Points = self.launches.motion.force[body].numpy().astype(np.float64)
         return force
 
     def contact_force(self, body: int) -> Points:
-        """Of tools on the points [N], shape (num_points, 3)."""
+        """Force of the tools on the points [N], shape (num_points, 3)."""
         force: Points = self.launches.motion.touch[body].numpy().astype(np.float64)
         return force
 
@@ -216,7 +216,7 @@ class BatchRun:
         )
 
     def take_tool_records(self, body: int) -> Floats:
-        """What acts on the tools, shape (num_tools, 11) as the core's; impulses begin anew."""
+        """Loads on the tools, (num_tools, 11) as the core's; impulses restart from zero."""
         if (t := self.launches.tools) is None:
             return np.zeros((0, 11))
         records: Floats = np.column_stack(
@@ -229,7 +229,7 @@ class BatchRun:
         return records
 
     def _upload(self, plans: Sequence[Plan]) -> None:
-        """The rows of all plans, one below the other; buffers grow, and with them go the graphs."""
+        """Upload the rows of all plans, stacked; when buffers grow, the graphs are discarded."""
         rows = max(len(plan.factors) for plan in plans)
         histories = max(plan.factors.shape[1] for plan in plans)
         num_tools = 0 if self.launches.tools is None else self.launches.tools.count
@@ -262,7 +262,7 @@ class BatchRun:
         m.go.assign((counts > 0).astype(np.int32))
 
     def _loads_change(self, plans: Sequence[Plan]) -> bool:
-        """Does the factor of a dead load differ from one step of a plan to the next?"""
+        """Whether the factor of a dead load differs from one step of a plan to the next."""
         numbers = self.launches.loads.numbers
         return any(
             (plan.factors[:-1, h] != plan.factors[0, h]).any()
@@ -272,7 +272,7 @@ class BatchRun:
         )
 
     def _replay(self, changes: bool) -> None:
-        """A block of steps as a graph; captured where there is none yet."""
+        """Run a block of steps as a graph, which is captured at first use."""
         wp, device = self._wp, self.launches.device
         if changes not in self._graphs:
             for module in self.launches.modules:
@@ -300,7 +300,7 @@ class BatchRun:
         return found
 
     def _step_back(self, body: int) -> int:
-        """To the state before the last step, if one was made; minus the number of steps."""
+        """Return to the state before the last step, if any; minus the number of steps."""
         m = self.launches.motion
         if m.begun.numpy()[body] == 0:
             return 0

@@ -1,7 +1,7 @@
 """The arrays of a run on its device: the mesh's, and those of all bodies of a batch.
 
-An array of bodies has a row for each; a vector of three numbers is one entry of Warp's. What no
-body of the batch has (pressure, moving supports, tools) has no arrays and no launches.
+An array of bodies has a row for each; a vector of three numbers is one entry of Warp's. Parts
+that no body of the batch has (pressure, moving supports, tools) have no arrays and no launches.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class Maker:
         return self.wp.zeros(shape, dtype=dtype, device=self.device)
 
     def groups(self, groups: Groups) -> tuple[Any, Any]:
-        """Starts and members."""
+        """Starts and members of groups."""
         return self.array(groups.start, int), self.array(groups.members, int)
 
 
 def mesh_arrays(make: Maker, mesh: MeshArrays, num_bodies: int, *, is_atomic: bool) -> Any:
-    """What the forces of cells need: the mesh, and room for what passes between launches."""
+    """Arrays for the forces of cells: the mesh, and values passed between launches."""
     wp = make.wp
     found = SimpleNamespace(
         corners=make.array(mesh.corners, wp.vec4i),
@@ -112,12 +112,12 @@ def motion_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
 
 
 def scheme_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
-    """What changes with the damping."""
+    """Factors that change with the damping."""
     return SimpleNamespace(
         keep=make.array([b.keep for b in bodies], make.real),
         mobility=make.array([b.mobility for b in bodies], make.vec3),
         damping=make.array([b.mass_damping for b in bodies], make.wp.float64),
-        # Of the wall's speed into energy over a mobility: half m (d / dt)^2.
+        # Factor from the wall's increment to energy over a mobility: half m (d / dt)^2.
         speed_share=make.array([0.5 / (1.0 + b.half_damping) for b in bodies], make.real),
     )
 
@@ -139,7 +139,7 @@ def load_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
 
 
 def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
-    """Facets of all bodies one after another; those of others press a body with zero."""
+    """Facets of all bodies one after another; on those of others a body has zero pressure."""
     counts = [len(b.pressures) for b in bodies]
     if not any(counts):
         return None
@@ -168,7 +168,7 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
 
 
 def support_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
-    """Points that some body's supports move; where another's do not, no history is named."""
+    """Points that some body's supports move; for a body that does not, the history is none."""
     num_points = len(bodies[0].mass)
     tables = []
     for body in bodies:
@@ -284,11 +284,11 @@ def tool_arrays(make: Maker, bodies: Sequence[BodyData], Tool: Any) -> Any | Non
 
 
 def moduli_array(make: Maker, moduli: Floats) -> Any:
-    """Of each body and kind lmbda and mu, shape (num_bodies, 2 num_kinds)."""
+    """Moduli lmbda and mu of each body and kind, shape (num_bodies, 2 num_kinds)."""
     return make.array(moduli, make.real)
 
 
-# What the kernels read of a mesh at rest, as plain arrays: shared by all bodies of a batch.
+# The mesh at rest as plain arrays for the kernels, shared by all bodies of a batch.
 #
 # Points keep the caller's numbers. Cells are sorted along Morton's curve through their centres, so
 # that neighbours in a launch share points in the cache.
@@ -308,7 +308,7 @@ class Groups:
 
     @classmethod
     def of(cls, numbers: NDArray[np.signedinteger[Any]], count: int) -> Groups:
-        """Places in `numbers` by the number that stands there."""
+        """Group the positions in `numbers` by the number there."""
         flat = numbers.reshape(-1)
         order = np.argsort(flat, kind="stable").astype(np.int32)
         start = np.searchsorted(flat[order], np.arange(count + 1)).astype(np.int32)
@@ -324,7 +324,7 @@ class Patches:
         edges, nodes: Cells of each patch.
         edge_weights: 1 / (36 V_e) [1/m3]; times mu and the sum of 2 V_c E_c.
         node_weights: 1 / (32 V_n) [1/m3]; times lmbda and the sum of the traces.
-        edge_kinds, node_kinds: Of their cells.
+        edge_kinds, node_kinds: Kinds of the cells of each patch.
     """
 
     cell_edges: Indices
@@ -361,7 +361,7 @@ class MeshArrays:
     def of(
         cls, mesh: TetMesh, gradients: Floats, kinds: Indices, *, is_smoothed: bool
     ) -> MeshArrays:
-        """Of a mesh, with the gradients (num_cells, 3, 3) and kinds of its cells in its order."""
+        """Arrays of a mesh, from gradients (num_cells, 3, 3) and kinds of cells in its order."""
         order = morton_order(mesh.points[mesh.cells].mean(axis=1))
         corners = np.ascontiguousarray(mesh.cells[order], dtype=np.int32)
         volumes, kinds = mesh.cell_volumes[order], kinds[order].astype(np.int32)
@@ -376,7 +376,7 @@ class MeshArrays:
 
 
 def morton_order(places: Floats) -> NDArray[np.int64]:
-    """Places [m], shape (n, 3), along a curve that fills their box (Morton 1966)."""
+    """Order of positions [m], shape (n, 3), along a curve that fills their box (Morton 1966)."""
     low, size = places.min(axis=0), max(float(np.ptp(places, axis=0).max()), 1e-300)
     at = ((places - low) / size * (2**_BITS - 1)).astype(np.int64)
     code = np.zeros(len(places), dtype=np.int64)
@@ -387,7 +387,7 @@ def morton_order(places: Floats) -> NDArray[np.int64]:
 
 
 def make_patches(corners: Indices, volumes: Floats, kinds: Indices) -> Patches:
-    """Of cells with corners (n, 4), volumes [m3] and kinds (n,)."""
+    """Patches of cells with corners (n, 4), volumes [m3] and kinds (n,)."""
     ends = np.sort(corners[:, _EDGES], axis=2).reshape(-1, 2).astype(np.int64)
     num_points = int(corners.max()) + 1
     most = int(kinds.max()) + 1
@@ -433,7 +433,7 @@ class ToolData:
 
 @dataclass(eq=False)
 class BodyData:
-    """A body, and what drives it.
+    """A body, and its loads, supports and tools.
 
     Attributes:
         body: At rest.
@@ -471,7 +471,7 @@ class BodyData:
 
     @property
     def keep(self) -> float:
-        """What is left of an increment without a force [-]."""
+        """Fraction of an increment that remains in a step without a force [-]."""
         return (1.0 - self.half_damping) / (1.0 + self.half_damping)
 
     @property
@@ -483,7 +483,7 @@ class BodyData:
 
 
 def require_supported(body: Body, device: str) -> None:
-    """Raise for what only the core does.
+    """Raise for a law that only the core supports.
 
     Raises:
         UnsupportedOnDeviceError: A law other than Saint-Venant-Kirchhoff's.
@@ -493,7 +493,7 @@ def require_supported(body: Body, device: str) -> None:
 
 
 def shape_numbers(shape: ToolShape, device: str) -> tuple[int, tuple[float, float, float]]:
-    """A shape as the kernels know it: its kind, and its lengths [m].
+    """A shape as the kernels represent it: its kind, and its lengths [m].
 
     Raises:
         UnsupportedOnDeviceError: A shape given by a surface.

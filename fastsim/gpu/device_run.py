@@ -1,4 +1,4 @@
-"""One body on a device, behind the words of the core's explicit run."""
+"""One body on a device, with the interface of the core's explicit run."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 class DeviceRun:
-    """Collects what it is told, and becomes a batch of one when it is first asked for something.
+    """Collects loads, supports and tools, and becomes a batch of one body at its first use.
 
-    In a batch of several, `join` gives it its place instead.
+    In a batch of several bodies, `join` gives it its number instead.
 
     Args:
-        problem: Whose tools these are.
+        problem: With the tools.
         body: At rest.
         mass: Lumped [kg], shape (num_points,).
         is_free: 1 where free, shape (num_points, 3).
@@ -68,7 +68,7 @@ class DeviceRun:
 
     @property
     def batch(self) -> BatchRun:
-        """Where it runs; made when first asked for."""
+        """The batch that runs it; made at first use."""
         if self._batch is None:
             self.join(BatchRun([self.data], **self.options), 0)  # type: ignore[arg-type]
         assert self._batch is not None
@@ -174,7 +174,7 @@ class DeviceRun:
         return outcome.steps_done, outcome.reason, outcome.point
 
     def look(self, factors: Floats, tools: Floats) -> tuple[int, _core.StopReason, int]:
-        """Find all that pushes at the present state."""
+        """Find all forces at the present state."""
         plans = [Plan(factors, tools)] * len(self.batch)
         (outcome,) = self.batch.look(plans, [self._number])
         return outcome.steps_done, outcome.reason, outcome.point
@@ -194,11 +194,11 @@ class DeviceRun:
         return self.batch.energies(self._number)
 
     def take_tool_records(self) -> Floats:
-        """What acts on the tools; impulses begin anew."""
+        """Loads on the tools; impulses restart from zero."""
         return self.batch.take_tool_records(self._number)
 
     def get_contact_force(self, force: Points) -> None:
-        """Of tools [N]."""
+        """Copy the force of the tools on the points [N]."""
         force[:] = self.batch.contact_force(self._number)
 
     def self_overlap(self) -> tuple[int, float]:
@@ -206,5 +206,5 @@ class DeviceRun:
         return 0, 0.0
 
     def internal_force(self, force: Points) -> None:
-        """R(a) as the kernels see it [N]."""
+        """Copy R(a) as computed by the kernels [N]."""
         force[:] = self.batch.internal_force(self._number)

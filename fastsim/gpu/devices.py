@@ -1,8 +1,8 @@
 """Devices by name: "cpu" is the compiled core, "warp:cpu" and "cuda:0" are Warp's.
 
-"cpu" means what it always meant, C++ on the processor, and needs nothing installed. "warp:cpu"
-runs the kernels of the GPU on the processor: one thread, slower than the core, there to prove them.
-Kernels are compiled when first needed and kept in Warp's own cache of the user, or in the folder
+"cpu" is C++ on the processor, and needs nothing installed. "warp:cpu"
+runs the kernels of the GPU on the processor: one thread, slower than the core, to verify them.
+Kernels are compiled when first needed and stored in Warp's own cache of the user, or in the folder
 that the environment variable WARP_CACHE_PATH names; nothing is written beside the sources.
 """
 
@@ -37,7 +37,7 @@ def load_warp(device: str) -> Any:
 
 @cache
 def _start(wp: Any) -> None:
-    # Warp greets on standard output, where answers may be read; a caller's own choice is kept.
+    # Warp greets on standard output, where results may be read; a caller's own choice stays.
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
     wp.init()
@@ -65,7 +65,7 @@ def check_device(device: str) -> str:
         raise DeviceUnavailableError(
             device, known_devices(), f"it is no name of one; this machine has {listed}"
         )
-    load_warp(device)  # says what to install
+    load_warp(device)  # its error states what to install
     found = known_devices()
     name = "cuda:0" if device == "cuda" else device
     if name not in found:
@@ -79,7 +79,7 @@ def check_device(device: str) -> str:
 
 
 def warp_name(device: str) -> str:
-    """What Warp calls it."""
+    """The name of a device in Warp."""
     return "cpu" if device == WARP_CPU else device
 
 
@@ -88,8 +88,8 @@ class DeviceUnavailableError(InputError):
     """A device that this machine does not have; `.device`, `.devices`.
 
     Attributes:
-        device: That was asked for.
-        devices: That there are; empty where Warp is not installed.
+        device: The device that was requested.
+        devices: Those of this machine; empty where Warp is not installed.
         remedy: What to do.
     """
 
@@ -103,7 +103,7 @@ class DeviceUnavailableError(InputError):
 
 @dataclass(eq=False, repr=False)
 class UnsupportedOnDeviceError(InputError):
-    """Something that only the compiled core does; `.what`, `.device`."""
+    """Something that only the compiled core supports; `.what`, `.device`."""
 
     what: str
     device: str

@@ -19,7 +19,7 @@ from palpate.meshes.arrays import Floats
 
 # Steps between two looks of the monitor, and in one graph of a GPU.
 BLOCK = 16
-# As in core/explicit/energy.cpp: increments of so many roundings of the displacement are no growth.
+# As in core/explicit/energy.cpp: increments up to so many roundings of the displacement are zero.
 _MOST_ROUNDINGS = 1e4
 
 
@@ -30,18 +30,18 @@ def kernels_of(wp: Any, precision: str) -> SimpleNamespace:
 
 
 class Launches:
-    """Arrays of a batch on a device, and what is launched over them.
+    """Arrays of a batch on a device, and the launches over them.
 
     Args:
         wp: Warp.
-        device: As Warp calls it.
+        device: Its name in Warp.
         precision: "float32" or "float64".
         bodies: All on one mesh.
         mesh: At rest.
-        moduli: Of each body and kind lmbda and mu [Pa], shape (num_bodies, 2 num_kinds).
-        is_green: Green strain, else engineering strain.
+        moduli: lmbda and mu of each body and kind [Pa], shape (num_bodies, 2 num_kinds).
+        is_green: Finite strain, else engineering strain.
         is_atomic: Forces are added by atomic operations, in any order.
-        tracks_energy: Keep the balance of energy.
+        tracks_energy: Whether to compute the balance of energy.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Launches:
         self._wp.launch(kernel, dim=dim, inputs=list(inputs), device=self.device)
 
     def find_internal_force(self) -> None:
-        """R(a) into `force`."""
+        """Compute R(a) into `force`."""
         m, cells = self.motion, self.mesh
         if self._is_atomic:
             m.force.zero_()
@@ -130,7 +130,7 @@ class Launches:
             )
 
     def combine_loads(self) -> None:
-        """Dead loads at the present row."""
+        """Combine the dead loads at the present row."""
         m = self.motion
         if self.loads.numbers:
             self._launch(
@@ -140,7 +140,7 @@ class Launches:
             )  # fmt: skip
 
     def find_forces(self, *, loads_change: bool) -> None:
-        """The residual F - R(a) of eq. 12, with all that pushes."""
+        """Compute the residual F - R(a) of eq. 12, with all forces."""
         m = self.motion
         self.find_internal_force()
         if (p := self.pressure) is not None:
@@ -191,7 +191,7 @@ class Launches:
             )  # fmt: skip
 
     def sum_energies(self, *, begins: bool) -> None:
-        """Where all that pushes is known: complete the step behind, begin the one ahead."""
+        """Once all forces are known, complete the sums of the last step and begin the next."""
         m, b, on = self.motion, self.balance, int(begins)
         if b is None:
             return
@@ -214,7 +214,7 @@ class Launches:
         self._launch("open_balance", None, m.go, on, m.open_sums)
 
     def move(self) -> None:
-        """Eq. 12 itself, and the count of good steps."""
+        """Eq. 12 itself, and the count of accepted steps."""
         m = self.motion
         self.sum_energies(begins=True)
         self._launch(
@@ -247,7 +247,7 @@ class Launches:
         )  # fmt: skip
 
     def monitor(self) -> None:
-        """Has energy come from nothing? Keeps the state where it has not."""
+        """Check whether energy grew from nothing; store the state if it did not."""
         m = self.motion
         self._launch(
             "sum_chunks", m.num_chunks, m.status, m.num_chunks, self.num_points, m.mass,
@@ -263,7 +263,7 @@ class Launches:
         )  # fmt: skip
 
     def step_block(self, num_steps: int, *, loads_change: bool) -> None:
-        """Some steps, and a look of the monitor after them."""
+        """Make some steps, then run the monitor."""
         for _ in range(num_steps):
             self.find_forces(loads_change=loads_change)
             self.move()
@@ -271,7 +271,7 @@ class Launches:
 
     @property
     def modules(self) -> list[Any]:
-        """What is compiled for these launches."""
+        """The modules that are compiled for these launches."""
         unused = {
             "smoothing": self.mesh.patches is None,
             "touching": self.tools is None,
@@ -281,7 +281,7 @@ class Launches:
         return [m for topic, m in self._k.modules.items() if not unused.get(topic, False)]
 
     def copy_bandwidth(self, num_bytes: int) -> float:
-        """What a copy of so many bytes reaches, read and written [bytes/s]; the best of five."""
+        """Bandwidth of a copy of so many bytes, read and written [bytes/s]; the best of five."""
         wp, best = self._wp, math.inf
         source = self.make.zeros(num_bytes // 4, wp.float32)
         target = self.make.zeros(num_bytes // 4, wp.float32)

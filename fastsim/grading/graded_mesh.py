@@ -1,4 +1,4 @@
-"""A mesh that is refined locally, with everything that hangs on it carried along.
+"""A mesh that is refined locally, with its problem carried along, and an indicator of its error.
 
 Bisection of marked tetrahedra (Arnold, Mukherjee, Pouly 2000): no point ever hangs, and the
 descendants of a cell have at most 72 shapes.
@@ -162,7 +162,7 @@ class GradedMesh:
 
 
 def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
-    """The same problem on the refined mesh: the same regions are held, pushed and touched.
+    """The same problem on the refined mesh: the same regions are fixed, loaded and touched.
 
     Forces on single points stay on their points, which keep their numbers.
 
@@ -204,10 +204,10 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
     )
 
 
-# Where a solution on linear tetrahedra is wrong: recovered against computed stress.
+# Error of a solution on linear tetrahedra: recovered against computed stress.
 #
 # The stress of linear tetrahedra is constant in each cell. Averaged to the points it is nearer the
-# truth (Zienkiewicz, Zhu 1987), so the difference tells where cells are too large.
+# truth (Zienkiewicz, Zhu 1987), so the difference shows where cells are too large.
 
 
 def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:
@@ -256,7 +256,7 @@ def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
 
 
 def mark_largest(errors: ArrayLike, *, part: float = 0.5) -> NDArray[np.bool_]:
-    """The fewest cells that hold a part of the squared error (Doerfler 1996).
+    """The fewest cells that make up a fraction of the squared error (Doerfler 1996).
 
     Args:
         errors: Of each cell, >= 0, shape (num_cells,).

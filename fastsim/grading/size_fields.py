@@ -1,4 +1,4 @@
-"""How long edges may be, from place to place, and refinement until they are no longer.
+"""Size fields: wanted edge lengths over space, and refinement until edges are no longer.
 
 A size field is a function from positions [m], shape (n, 3), to wanted edge lengths [m], shape (n,).
 """
@@ -70,10 +70,10 @@ def distance_to_ball(centre: ArrayLike, radius: float) -> Distance:
 def grow_with_distance(
     distance: Distance, *, smallest: float, growth: float, largest: float = np.inf
 ) -> SizeField:
-    """Edge length that is smallest at a place and grows in proportion to the distance from it.
+    """Edge length that is smallest at an object and grows in proportion to the distance from it.
 
     Args:
-        distance: See `distance_to_points` and its like.
+        distance: See `distance_to_points`, `distance_to_facets` and `distance_to_ball`.
         smallest: [m], > 0.
         growth: Edge length per distance [-], > 0; below 1 the mesh conforms with few extra cells.
         largest: [m], at least `smallest`.
@@ -88,12 +88,12 @@ def refine_to_size(graded: GradedMesh, size: SizeField, *, max_cells: int = 5_00
     """Bisect until no cell's edges are on average longer than the field asks for at its middle.
 
     Args:
-        graded: Refined in place.
+        graded: The mesh to refine; it is changed.
         size: Edge lengths [m].
-        max_cells: Where to stop.
+        max_cells: Largest number of cells.
 
     Raises:
-        TooManyCellsError: The mesh is left as it was when that was seen, finer than given.
+        TooManyCellsError: The field asks for more; the mesh is left as refined until then.
         InputError: The field gives a size that is not above 0.
     """
     for _ in range(_MOST_ROUNDS):
@@ -133,7 +133,7 @@ _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
 _CELL_VOLUME = 1.0 / (6.0 * np.sqrt(2.0))
 
 
-# Of one mesh, by its sizes.
+# Largest number of cells of a mesh, estimated from its sizes.
 MOST_CELLS = 20_000_000
 
 
@@ -155,10 +155,10 @@ def sample_sizes(
         low: Corner of the box [m], shape (3,).
         high: The opposite corner [m].
         largest: Edge of the coarsest cubes, and the largest size [m].
-        max_cells: Of a mesh of the whole box with those sizes, about.
+        max_cells: Approximate limit for a mesh of the whole box with those sizes.
 
     Raises:
-        InputError: A size that is not above 0, or a value for each place is missing.
+        InputError: A size that is not above 0, or not one value for each position.
         TooManyCellsError: The field asks for more than `max_cells`.
     """
     count = np.maximum(1, np.ceil((high - low) / largest)).astype(np.int64)

@@ -59,7 +59,7 @@ class SymbolicCube:
             marked: Shape (num_cells,) of bool, in the order of `names`.
 
         Raises:
-            InputError: Wrong shape, or cells smaller than the names can say (2^-14 of the side).
+            InputError: Wrong shape, or cells smaller than names can represent (2^-14 of the side).
         """
         flags = np.asarray(marked)
         if flags.shape != (self.num_cells,) or flags.dtype != np.bool_:

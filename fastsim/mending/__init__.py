@@ -1,1 +1,1 @@
-"""Repair that takes exact predicates: surfaces that cut themselves, and surfaces made anew."""
+"""Repair by exact predicates: self-intersecting surfaces, and surfaces made anew."""

@@ -39,7 +39,7 @@ class MendedSurface:
 
     Attributes:
         surface: [m].
-        lines: What was done, for people.
+        lines: Report of the repairs, a line for each.
         caps: Facets, by their number in the surface, of "cap 1" (on the longest loop), "cap 2", ...
     """
 
@@ -115,7 +115,7 @@ _MOST_ROUNDS = 6
 _RINGS_AROUND = 12
 # Largest fraction of the surface's facets in a patch: beyond that it is the organ itself.
 _LARGEST_PART = 0.3
-# A way that moves the surface by less than this part of what is allowed needs no comparison.
+# A repair that moves the surface by less than this fraction of the limit needs no comparison.
 _GOOD_ENOUGH = 0.1
 
 
@@ -148,7 +148,7 @@ class UntangleReport:
 
     Attributes:
         num_pairs: Pairs of facets that crossed.
-        num_places: Places where they did.
+        num_places: Number of regions where they did.
         replaced_facets: Facets that were moved or replaced, by their number before.
         distance: Largest distance of either surface from the other, over corners, middles of
             edges and centres of what was changed [m].

@@ -1,4 +1,4 @@
-"""Three ways to rid a patch of a surface of crossings; each gives up with None."""
+"""Three ways to remove crossings from a patch of a surface, and the distances of surfaces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_RINGS = 6
 _STEP, _MOST_STEPS = 0.1, 40
 # Steps without fewer crossings before it gives up.
 _PATIENCE = 6
-# How much of a point's pull each ring around it takes over.
+# Fraction of a point's displacement that each further ring around it follows.
 _SPREAD, _SPREAD_RINGS = 0.6, 3
 
 
@@ -31,8 +31,8 @@ class Surroundings:
     Attributes:
         points: [m].
         facets: Of the part.
-        is_held: Points where the surface goes on: they stay, shape (num_points,).
-        most_facets: That a patch may have.
+        is_held: Points where the surface continues, which stay fixed, shape (num_points,).
+        most_facets: Largest number of facets of a patch.
     """
 
     points: Points
@@ -45,7 +45,7 @@ class Surroundings:
 class Attempt:
     """A surface whose patch crosses nothing.
 
-    `kept` are the rows of the facets before that come first, in order; new facets follow.
+    `kept` are the rows of the preserved facets, which come first, in order; new facets follow.
     """
 
     points: Points
@@ -54,7 +54,7 @@ class Attempt:
 
 
 def smoothed(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
-    """The patch as a thin plate on the surface around it."""
+    """Replace the patch by a thin plate on the surface around it; None if crossings remain."""
     points, facets = part.points, part.facets
     for rings in range(1, _MOST_RINGS + 1):
         patch = _patch(part, rows, rings)
@@ -115,7 +115,7 @@ def pulled_apart(
 
 
 def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
-    """The patch removed, and what is open filled with smooth caps."""
+    """Remove the patch and fill the holes with smooth caps; None if crossings remain."""
     points, facets = part.points, part.facets
     for rings in range(_MOST_RINGS + 1):
         patch = _patch(part, rows, rings)
@@ -152,7 +152,7 @@ def is_clean(points: Points, facets: Indices, changed: Mask) -> bool:
     corners = points[facets[changed]]
     sides = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Far above roundings: a mesher has to make cells on them.
+    # Far above rounding errors, since a mesher has to make cells on the facets.
     if np.any(np.linalg.norm(normals, axis=1) <= 1e-6 * sides**2):
         return False
     return len(crossings_of(points, facets, changed)) == 0
@@ -200,7 +200,7 @@ def _point_normals(points: Points, facets: Indices) -> Points:
     return normals
 
 
-# Pairs that are looked at: where there are more, the first ones say enough.
+# Largest number of pairs to consider; the first ones are enough.
 MOST_PAIRS = 20_000
 
 
@@ -227,7 +227,7 @@ def crossings_of(
 def facets_near(
     points: Points, facets: Indices, places: Points, reach: float = 0.0
 ) -> NDArray[np.int64]:
-    """Facets whose box comes within `reach` of the box of places."""
+    """Facets whose box comes within `reach` of the box of positions."""
     if not len(places):
         return np.zeros(0, dtype=np.int64)
     low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
@@ -244,7 +244,7 @@ def samples_of(points: Points, facets: Indices) -> Points:
 
 
 def one_way_distance(places: Points, points: Points, facets: Indices) -> float:
-    """Largest distance of places from a surface [m]; 0 without places."""
+    """Largest distance of positions from a surface [m]; 0 without positions."""
     if not len(places):
         return 0.0
     surface = _core.SurfaceDistance(np.ascontiguousarray(points), np.ascontiguousarray(facets))
@@ -256,7 +256,7 @@ def distance_apart(
 ) -> float:
     """Largest distance of either surface from the other [m], over `samples_of` what they differ in.
 
-    Facets with the same places as corners are left out: there the distance is zero.
+    Facets with the same corners in both are left out: there the distance is zero.
     """
     old, new = _places_of(points, facets), _places_of(new_points, new_facets)
     _, inverse = np.unique(np.vstack([old, new]), axis=0, return_inverse=True)
@@ -269,7 +269,7 @@ def distance_apart(
 
 
 def _places_of(points: Points, facets: Indices) -> Points:
-    """Corners of facets, the smallest place first, shape (num_facets, 9), to compare facets by."""
+    """Corners of facets, the smallest position first, (num_facets, 9), to compare facets by."""
     _, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)[facets]
     first = np.argmin(number, axis=1)

@@ -1,8 +1,8 @@
 """A new closed surface around facets of any kind: soup, open sheets, crossing parts, inner walls.
 
-Inside is where the facets wind around a place at least half (Jacobson, Kavan, Sorkine-Hornung
+Inside are points with a winding number of at least a half (Jacobson, Kavan, Sorkine-Hornung
 2013, "Robust inside-outside segmentation using generalized winding numbers"): crossing parts are
-united, what lies within is swallowed, and holes are bridged where the winding number falls through
+united, inner parts are absorbed, and holes are bridged where the winding number falls through
 a half. The surface between is made on a grid, and given better triangles within the distance.
 """
 
@@ -35,7 +35,7 @@ _CRUMB = 3.0
 
 
 class WrapError(InputError):
-    """No closed surface within the distance; `.distance` is the one asked for [m]."""
+    """No closed surface within the distance; `.distance` is the one requested [m]."""
 
     def __init__(self, message: str, distance: float) -> None:
         self.distance = distance
@@ -47,12 +47,12 @@ class WrapReport:
     """How near the new surface is to the given one, over corners, middles of edges and centres.
 
     Attributes:
-        num_facets: Of the new surface.
-        distance: Asked for [m].
+        num_facets: Number of facets of the new surface.
+        distance: The distance requested [m].
         from_given: Largest distance of the new surface from the given one, but over holes [m].
-        bridging: Part of the new facets that bridge holes: further from the given one than asked.
+        bridging: Fraction of the new facets that bridge holes: further away than requested.
         bridge_distance: Largest distance of those [m].
-        lost: Part of the given facets further from the new one: inner walls, fins, thin sheets.
+        lost: Fraction of the given facets further away: inner walls, fins, thin sheets.
         lost_distance: Largest distance of those [m].
     """
 
@@ -84,9 +84,9 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
     """Make a closed surface near the outside of facets of any kind.
 
     Args:
-        surface: Facets that mostly face outwards [m]; nothing else is asked of them.
+        surface: Facets that mostly face outwards [m]; nothing else is required of them.
         distance: How far the new surface may be from the given one, > 0 [m]; details smaller than
-            it may be lost. Over holes it is further away, which is told.
+            it may be lost. Over holes it is further away, which is reported.
 
     Returns:
         The new surface, closed, outward and without crossings, and how near it is.
@@ -135,7 +135,7 @@ def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> 
     sides = 0.5 * float(np.abs(normals).sum()) / (_SPACING * distance) / (_SPACING * distance)
     cubes = _CUBES_PER_SIDE * sides
     if not cubes <= _MOST_CUBES:
-        # A little more, for it is told with three digits.
+        # A little more, since it is printed with three digits.
         enough = 1.01 * distance * math.sqrt(cubes / _MOST_CUBES)
         raise WrapError(
             f"a wrap within {distance:.3g} m takes about {cubes:.2g} cubes, more than "

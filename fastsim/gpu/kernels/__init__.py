@@ -1,4 +1,4 @@
-"""Kernels, by equation; each file makes its own for one kind of numbers.
+"""Kernels, by equation; each file makes its kernels for one precision.
 
 These files hold Warp's language inside Python: annotations are types of Warp's, made at run time.
 """

@@ -1,8 +1,8 @@
 """The balance of energy step by step, and the monitor of its growth: core/explicit/energy.hpp.
 
-Sums are kept in double precision, whatever the body's: they are what a run is judged by. The
-monitor takes what loads and supports have given by magnitudes, point by point, which is never less
-than what the core counts.
+Sums are in double precision, whatever the body's, since they decide whether a run is stopped. The
+monitor sums the work of loads and supports by magnitudes, point by point, which is never less than
+the work that the core counts.
 """
 
 from typing import Any

@@ -1,13 +1,13 @@
-"""What the kernels of one topic and precision share: Warp, its types, the module they live in."""
+"""The types and the module of Warp that the kernels of one topic and precision have in common."""
 
 from dataclasses import dataclass
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
-# A module of Warp's for each: what a run has no use for is not compiled.
+# A module of Warp's for each topic, so that a run compiles only what it uses.
 TOPICS = ("elasticity", "smoothing", "gathering", "loading", "touching", "stepping", "energy")
-# Double precision in every mode, on purpose: what a run is judged by, and where tools are.
+# In double precision in every mode: the energies of the monitor, and the poses of tools.
 IN_DOUBLE = ("touching", "energy")
 
 

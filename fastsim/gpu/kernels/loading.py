@@ -1,6 +1,6 @@
-"""What drives a body: dead loads, follower pressure, supports that move or slide.
+"""Loads and supports of a body: dead loads, follower pressure, supports that move or slide.
 
-A history is a factor over time; loads and supports name theirs. `factors` has them for the time
+A history is a factor over time, to which loads and supports refer. `factors` has them for the time
 before each step and after the last, `changes` their differences from row to row, taken in double
 precision by the host. As core/explicit/loads.hpp.
 """

@@ -1,9 +1,9 @@
-"""Eq. 12 at each point, and the count of good steps of each body.
+"""Eq. 12 at each point, and the count of accepted steps of each body.
 
     (1 + c) d(t+dt) = (1 - c) d(t) + dt^2 M^-1 (F - R(a(t))),   a(t+dt) = a(t) + d(t+dt)
 
 with c half the mass damping times dt, as core/explicit/central_difference.hpp. A body that has
-stopped, or has done all its steps, is passed over (`go` is 0).
+stopped, or has made all its steps, is skipped (`go` is 0).
 """
 
 from typing import Any

@@ -1,8 +1,8 @@
 """Forces between rigid tools and vertices of the boundary: core/explicit/tool_touch.hpp.
 
 The penalty f = k A max(0, -g) n, the constraint (the force that puts a vertex onto the tool at the
-end of the step), and Coulomb's friction. In double precision, whatever the body's; what acts on
-the body is rounded to its precision, and just that acts back on the tool.
+end of the step), and Coulomb's friction. In double precision, whatever the body's; the force on
+the body is rounded to its precision, and exactly that acts back on the tool.
 """
 
 from typing import Any
@@ -12,12 +12,12 @@ from palpate.fastsim.gpu.kernels.tool_shapes import make_shapes
 
 # Vertices whose forces one launch sums; a second sums these.
 CHUNK = 64
-# Rows of what acts on a tool.
+# Rows of the loads on a tool.
 MOST_CORRECTIONS = 6
 
 
 def make_tool(wp: Any) -> Any:
-    """What a tool is, as `TouchSettings` of the core."""
+    """The structure of a tool, as `TouchSettings` of the core."""
 
     @wp.struct
     class Tool:
