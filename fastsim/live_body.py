@@ -273,9 +273,9 @@ class LiveBody:
     def hold(
         self, center: tuple[float, float, float], *, radius: float, stiffness: float
     ) -> LiveSpring:
-        """Take hold of a patch of the surface by a spring, from now on.
+        """Attach a spring to a patch of the surface, from now on.
 
-        Its anchor is where the patch is now, so that it pulls with no force in all.
+        Its anchor is at the present mean position of the patch, so that its resultant is zero.
 
         Args:
             center: Of the patch, on the body at rest [m], shape (3,).

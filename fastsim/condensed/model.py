@@ -177,7 +177,7 @@ class CondensedModel:
         return _extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
 
     def save(self, path: str | Path) -> None:
-        """Write the model to an .npz, whole or not at all, with its inside where that was kept."""
+        """Write the model to an .npz, whole or not at all, with its inside where it was stored."""
         _write_model(path, self)
 
     def _checked(self, forces: ArrayLike) -> Points:
@@ -210,7 +210,7 @@ def model_key(setup: CondensedSetup, precision: CompliancePrecision) -> str:
 
 
 def _write_model(path: str | Path, model: CondensedModel) -> None:
-    """Write a model, whole or not at all, with its inside where that was kept."""
+    """Write a model, whole or not at all, with its inside where it was stored."""
     inside = model.inside
     couplings = [] if inside is None else inside.couplings
     offsets = [] if inside is None else inside.offsets

@@ -80,7 +80,7 @@ def test_a_target_lengthens_the_step_and_the_boundary_stays() -> None:
     assert 1 <= len(told) <= 4
     np.testing.assert_array_equal(mesh.points[: len(surface.points)], surface.points)
     assert abs(mesh.volume / surface.volume - 1.0) < 1e-12
-    # More than the thinnest facet allows is never reached, and the best mesh is kept.
+    # More than the thinnest facet allows is never reached, and the best mesh is returned.
     told.clear()
     best = mesh_to_time_step(TISSUE, 2.0 * plain.surface_step, make, told.append)
     reached = find_critical_cells(best, TISSUE)

@@ -1,4 +1,4 @@
-"""The mesher meets spoiled surfaces for some seconds: no crash, no hang, no wrong mesh."""
+"""The mesher meets corrupted surfaces for some seconds: no crash, no hang, no wrong mesh."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ STRAINS = pytest.mark.parametrize("strain", list(Strain))
 
 
 def rod(mesh: TetMesh, *, inclusions: bool = True) -> Problem:
-    """A rod along x, its second half stiffer; held so that it may narrow, and pulled by 800 Pa."""
+    """A rod along x, its second half stiffer; fixed so that it may narrow, and pulled by 800 Pa."""
     x = mesh.points[:, 0]
     length = float(x.max())
     centres = mesh.points[mesh.cells].mean(axis=1)[:, 0]
@@ -44,7 +44,7 @@ def test_a_rod_of_two_materials_stretches_by_each_ones_own_part(
 ) -> None:
     """In series each half bears the same stress: l (l^2 - 1) / 2 = 800 Pa / E for Green strain.
 
-    Poisson's ratio is 0, so that nothing narrows and both elements have the exact answer: strains
+    Poisson's ratio is 0, so that nothing narrows and both elements have the exact solution: strains
     are constant in each half, and not averaged across.
     """
     problem = rod(make_box((6, 2, 2), (2.0, 1.0, 1.0)))

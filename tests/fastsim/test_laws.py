@@ -1,4 +1,4 @@
-"""Every law by hand, element by element: derivatives, small strains, precision, motion."""
+"""Every law, element by element: derivatives, small strains, precision, motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every law by hand against its energy in the reference: forces, equilibria and motion."""
+"""Every law of the core against its energy in the reference: forces, equilibria and motion."""
 
 from __future__ import annotations
 

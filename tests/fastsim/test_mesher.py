@@ -1,4 +1,4 @@
-"""The mesher: the surface is kept, the volume is its own, cells are positive and not slivers."""
+"""The mesher: surface and volume are preserved, cells are positive and not slivers."""
 
 from collections.abc import Callable
 
@@ -191,7 +191,7 @@ def test_open_surfaces_are_refused() -> None:
 
 
 def test_equal_points_are_refused_by_name() -> None:
-    # Two boxes that share the place of one corner, under two numbers.
+    # Two boxes with one corner at the same position, under two numbers.
     box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
     with pytest.raises((DuplicatePointError, SelfIntersectionError)):
         mesh_surface(_joined(box, TriSurface(box.points + 1.0, box.facets)))

@@ -1,4 +1,4 @@
-"""Bodies in each other and side by side: one conforming mesh, each surface kept."""
+"""Bodies in each other and side by side: one conforming mesh, each surface preserved."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def places(points: np.ndarray, facets: np.ndarray) -> set[tuple[bytes, ...]]:  #
 def require_conforming(mesh: TetMesh) -> None:
     faces = np.sort(mesh.cells[:, CELL_FACETS].reshape(-1, 3), axis=1)
     assert np.unique(faces, axis=0, return_counts=True)[1].max() == 2
-    # No two points in one place: what lies in one place is shared.
+    # No two points at one position: coincident points are shared.
     assert len(np.unique(mesh.points, axis=0)) == mesh.num_points
     cells = np.concatenate(list(mesh.cell_groups.values()))
     assert np.array_equal(np.sort(cells), np.arange(mesh.num_cells))

@@ -1,4 +1,4 @@
-"""Turek and Hron's elastic bar: fastsim's linear tetrahedra extrapolated to a published answer.
+"""Turek and Hron's elastic bar: fastsim's linear tetrahedra extrapolated to a published result.
 
 S. Turek, J. Hron, "Proposal for numerical benchmarking of fluid-structure interaction between an
 elastic object and laminar incompressible flow", 2006: tests CSM1 and CSM3, plane-strain

@@ -114,7 +114,7 @@ def test_the_sweep_of_a_body_beyond_the_cache_gives_the_plain_force(make_box: Ma
 def test_a_free_body_keeps_its_momentum_and_turns_on(make_box: MakeBox, element: Element) -> None:
     """Spun and stretched, over 2000 steps in double precision.
 
-    Central differences keep both exactly: what is left is one rounding a step at places up to
+    Central differences conserve both: what is left is one rounding a step at positions up to
     eight lengths from the origin, at random root(2000) * 8 * eps / 2 = 4e-14.
     """
     mesh = make_box((6, 3, 3), (1.0, 0.5, 0.5), ragged=0.2)

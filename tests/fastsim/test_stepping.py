@@ -70,7 +70,7 @@ def test_a_force_applied_is_the_load_it_stands_for(ragged_box: TetMesh) -> None:
         one.step(20)
     assert np.abs(body.displacement).max() > 1e-3
     np.testing.assert_array_equal(body.displacement, other.displacement)
-    # It ends when another takes its place.
+    # It ends when another one replaces it.
     body.apply_force(np.zeros_like(ragged_box.points))
     assert np.abs(body.load() - ExplicitBody(problem).load()).max() < 1.0
 

@@ -211,7 +211,7 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
     assert "condensed before" in said
     assert "condensing" not in said
     assert np.array_equal(again.whole_displacement(forces), first.whole_displacement(forces))
-    # What the key is made of asks for another file; what is spoiled is made anew.
+    # Another key asks for another file; a corrupted file is made anew.
     told(precision=CompliancePrecision.SINGLE)
     assert len(list(folder.iterdir())) == 2
     for file in folder.iterdir():
@@ -223,7 +223,7 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
     (tmp_path / "file").write_text("")
     with pytest.raises(FileFormatError, match="is no folder for condensed models"):
         condense_once(tmp_path / "file", problem)
-    # A model without its inside is no answer to who asks for it.
+    # A stored model without its inside is not used where the inside is needed.
     told(element=Element.SMOOTHED)
     model, said = told(element=Element.SMOOTHED, keep_inside=True)
     assert "kept for the next time" in said

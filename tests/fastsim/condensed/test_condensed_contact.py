@@ -46,7 +46,7 @@ TOOLS: dict[str, tuple[ToolShape, float, tuple[float, ...]]] = {
 
 
 def pressed(shape: ToolShape, height: float, quaternion: tuple[float, ...]) -> Problem:
-    """A block, held below, with a tool that comes down 3 mm onto its top, a little sideways."""
+    """A block, clamped below, with a tool that comes down 3 mm onto its top, a little sideways."""
     mesh = brick_box((6, 6, 4), (0.04, 0.04, TOP))
     path = ToolPath(
         [0.0, 1.0],
@@ -115,7 +115,7 @@ def test_steps_push_and_let_go() -> None:
 
 
 def test_columns_kept_from_step_to_step_are_those_of_the_compliance() -> None:
-    """A plane pushes more points than columns are kept; a ball on its own way uses them again."""
+    """A plane pushes more points than columns are cached; a ball on its way uses them again."""
     problem = pressed(*TOOLS["plane"])
     mesh = brick_box((12, 12, 2), (0.04, 0.04, TOP))
     (plane,) = problem.tools

@@ -1,4 +1,4 @@
-"""A condensed body in a hand: tools and anchors are sent, arrays stay, nonsense is refused."""
+"""A driven condensed body: tools and anchors are moved, arrays stay, nonsense is refused."""
 
 from __future__ import annotations
 

@@ -57,13 +57,13 @@ def under(problem: Problem) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
 def test_statics_hold_them_at_the_depth_of_the_box(
     margin: float, ratio: float, strain: Strain
 ) -> None:
-    """The same as when they are held down there by hand, free to slide."""
+    """The same as with these points prescribed on the face, free to slide along it."""
     depth = 0.08
     problem = pressed(margin, depth, ratio)
     down = Support(under(problem), components=(False, False, True), displacement=(0, 0, -depth))
     by_hand = Problem(problem.mesh, problem.material, (*problem.supports, down), ())
     expected = solve_static(by_hand, strain=strain).displacement
-    # None slides off, so that this is the answer of contact too.
+    # None slides off, so that this is the solution with contact too.
     reach = np.abs((problem.mesh.points + expected)[under(problem), 0] - 0.5).max()
     assert reach < ROW * (1.0 + margin)
     found = solve_contact(problem, strain=strain)

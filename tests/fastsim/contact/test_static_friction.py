@@ -27,7 +27,7 @@ TURNED = ((1.0, 0.0, 0.0, 0.0), (0.998, 0.0, 0.0, (1.0 - 0.998**2) ** 0.5))
 
 
 def block_on_a_plane(friction: float) -> Problem:
-    """A unit cube held at its top; a plane is pressed against its bottom and drawn along x."""
+    """A unit cube clamped at its top; a plane is pressed against its bottom and drawn along x."""
     mesh = brick_box((2, 2, 2), (1.0, 1.0, 1.0))
     top, bottom = side(mesh, 2, 1.0), side(mesh, 2, 0.0)
     ways = DEPTH * np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 1.55])
@@ -50,7 +50,7 @@ def test_a_block_sticks_and_then_slips(strain: Strain) -> None:
     forces = solve_contact(block_on_a_plane(FRICTION), strain=strain).forces[1:, 0]
     normal, drag = -forces[:, 2], -forces[:, 0]
     assert np.all(drag <= FRICTION * normal * (1.0 + 1e-8))
-    # Stuck, it is as stiff all the way; in the end it slips under mu N, within a thousandth.
+    # Stuck, it is as stiff all the way; in the end it slides at mu N, within a thousandth.
     assert drag[2] == pytest.approx(2.0 * drag[1], rel=1e-3)
     assert drag[6] == pytest.approx(FRICTION * normal[6], rel=1e-3)
     assert drag[7] - drag[6] == pytest.approx(-0.5 * drag[1], rel=0.02)

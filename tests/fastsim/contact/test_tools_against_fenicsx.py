@@ -109,7 +109,7 @@ def test_friction(name: str) -> None:
 
 
 def test_friction_of_a_tool_that_turns_on_vertices_held_in_part() -> None:
-    """Vertices stick to the roller and slip on it; along y they are held."""
+    """Vertices stick to the roller and slip on it; along y they are fixed."""
     path = TOOLS["capsule"].path
     half = np.array([0.0, 0.1, 0.4])[:, None]
     # First onto its side, then about its axis, which then lies along y.
@@ -157,7 +157,7 @@ def test_finer_meshes_and_steps_come_to_the_truth_with_friction() -> None:
         spectral_radius=0.0,
         relative_tolerance=1e-6,
     ).tool_forces[0]
-    # It sticks, and then slips under mu N.
+    # It sticks, and then slides at mu N.
     assert abs(truth[3, 0]) < 0.01 * truth[3, 2]
     assert truth[-1, 0] == pytest.approx(-0.3 * truth[-1, 2], rel=1e-3)
     off = []

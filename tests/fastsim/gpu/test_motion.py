@@ -1,4 +1,4 @@
-"""Warp's kernels on the processor, held against the compiled core: forces, motions, energies."""
+"""Warp's kernels on the processor against the compiled core: forces, motions, energies."""
 
 from __future__ import annotations
 

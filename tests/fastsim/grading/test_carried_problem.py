@@ -1,4 +1,4 @@
-"""Supports and loads survive refinement: the same total force, the same held region."""
+"""Supports and loads survive refinement: the same total force, the same fixed region."""
 
 from __future__ import annotations
 

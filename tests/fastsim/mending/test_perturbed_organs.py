@@ -39,7 +39,7 @@ pyvista = pytest.importorskip("pyvista")
 
 # Samples of a facet: a lattice of its sides in so many parts.
 _PARTS = 4
-# How near to the surface a face of the mesh lies on it, of the box; likewise of areas.
+# Relative to the box: distance within which a face of the mesh lies on the surface; so for areas.
 _ON_SURFACE = 1e-9
 # Places within the box at which mesh and sound surface must agree on what is inside.
 NUM_POSITIONS = 2000
@@ -74,7 +74,7 @@ def measure(
     Args:
         repaired: The repaired surface [m].
         points: Of the mesh [m].
-        cells: Likewise, shape (num_cells, 4).
+        cells: Corners of each cell, shape (num_cells, 4).
         sound: What was meant [m].
         allowed: How far the two may be apart [m].
     """

@@ -1,4 +1,4 @@
-"""Surfaces that cut themselves, spoiled by seeded recipes, come back without a crossing."""
+"""Surfaces made to cut themselves by seeded recipes come back without a crossing."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_many_spoiled_surfaces_are_mended_or_refused_with_the_distance_that_woul
         except EntangledError as error:
             refused.append(error)
     assert all(error.facets and error.needed > distance for error in refused)
-    # A user with three edges to spare is told no once in twenty times at most.
+    # With three edges of distance allowed, at most one surface in twenty is refused.
     assert len(refused) <= 2
 
 

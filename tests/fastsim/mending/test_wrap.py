@@ -54,7 +54,7 @@ def test_bodies_that_cross_become_one_and_a_wall_within_is_told() -> None:
     new, report = require_wrapped(both, 0.2)
     assert len(require_closed(new)) == 1
     # Two balls less their lens, pi (4 + d) (2 - d)^2 / 12 for a distance d of unit balls, with
-    # the volume of these polyhedra in the place of 4 pi / 3.
+    # the volume of these polyhedra instead of 4 pi / 3.
     lens = np.pi * 5.0 / 12.0
     assert new.volume == pytest.approx(2 * BALL.volume - lens, rel=0.05)
     assert report.lost > 0.1
