@@ -1,1 +1,1 @@
-"""The scoreboard: simulators by cases, each under its own law; compute, judge, present."""
+"""Simulators of others: adapters and their registry, benchmarks, scoreboard, frontier."""

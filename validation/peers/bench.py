@@ -1,4 +1,4 @@
-"""Runs a benchmark by name: its rows, what they say, the machine, and rivals left out."""
+"""Runs a benchmark by name: its rows, their summary, the machine, and rivals left out."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from palpate.validation.peers.timing import Child, Schedule, timed
 from palpate.validation.states import Progress, in_silence
 
 Row = dict[str, Any]
-# Columns that every row has, in the order of the table.
+# The columns of every row, in the order of the table.
 COMMON = ("tool", "size", "threads", "precision", "seconds", "rate")
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What all tools do beside each other.
+    """A task that all tools do beside each other.
 
     Attributes:
-        size: For the rows.
+        size: The size that the rows state.
         job: Plain arrays for the adapters.
-        columns: More for the rows, the same in all.
-        finish: Adds what follows from the results, from the rows of all tools and from those of
-            earlier scenes: finish(rows, children, earlier).
+        columns: Further columns, the same in all rows.
+        finish: Adds columns that follow from the results, from the rows of all tools and from those
+            of earlier scenes: finish(rows, children, earlier).
     """
 
     size: int
@@ -45,17 +45,17 @@ class Benchmark:
     """A comparison of tools.
 
     Attributes:
-        task: Class of the adapters.
-        sizes: That there are.
-        tools: Ours and the rivals.
+        task: Name of the class in the adapters.
+        sizes: The sizes that there are.
+        tools: Our tool and the rivals.
         schedule: How they are timed.
-        make_scenes: What is done at a size.
-        measure_work: Of one step, for the rate.
-        rate_unit: Of that work over seconds.
+        make_scenes: Makes the scenes of a size.
+        measure_work: The work of one step, for the rate.
+        rate_unit: Unit of that work over seconds.
         same: Columns in which rows must agree to be compared.
-        table: Columns worth showing on the terminal beside `COMMON`; all, where it is empty.
-        remark: What the summary says beside the rates, of our rows that are alike in `same`,
-            and of those of the rivals, the quickest first.
+        table: Columns shown on the terminal beside `COMMON`; all, where it is empty.
+        remark: Adds to the rates of the summary, from our rows that agree in `same`, and from
+            those of the rivals, the quickest first.
     """
 
     task: str
@@ -90,18 +90,18 @@ def run_benchmark(
     """Time a benchmark.
 
     Args:
-        name: Of `MODULES`.
-        sizes: Problem sizes, of those the benchmark has; None times them all.
-        device: On which ours is timed as well; "cpu" is the compiled core, which always is.
+        name: A name of `MODULES`.
+        sizes: Problem sizes among those of the benchmark; None times them all.
+        device: A device on which ours is also timed; "cpu" is the compiled core, always timed.
         progress: Called with one line per row.
 
     Returns:
-        The document of `palpate bench --json`: bench, machine, rows, left_out, which says of
+        The document of `palpate bench --json`: bench, machine, rows, left_out, which states for
         every rival without a row how it is installed, summary, lines of text, and table, the
         columns to show beside the common ones (all, where it is empty).
 
     Raises:
-        InputError: No such benchmark, or it does not have such a size or runs on no device.
+        InputError: There is no such benchmark, or it has no such size or runs on no device.
     """
     if name not in MODULES:
         raise InputError(f"no benchmark {name!r}; there are {', '.join(MODULES)}")
@@ -137,7 +137,7 @@ def run_benchmark(
 
 
 def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> list[Row]:
-    """Rows of all scenes of some sizes; what fails or does not fit goes to `progress`."""
+    """Rows of all scenes of some sizes; tools that fail or do not fit go to `progress`."""
     rows: list[Row] = []
     for size in sizes:
         for scene in benchmark.make_scenes(size, progress):
@@ -158,10 +158,10 @@ def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> 
 
 
 def _row(child: Child, scene: Scene) -> Row:
-    """Seconds of the processor on one thread, of the clock on several and on a GPU."""
+    """The row of a tool: processor time on one thread, wall time on several and on a GPU."""
     clocks = {clock: child.best(clock) for clock in ("processor", "wall")}
     threads = int(child.tool.options.get("num_threads", 1))
-    # What a GPU does, no processor's clock sees.
+    # Processor time does not include what a GPU does.
     is_gpu = str(child.tool.options.get("device", CORE)).startswith("cuda")
     return {
         "tool": child.tool.name,
@@ -177,7 +177,7 @@ def _row(child: Child, scene: Scene) -> Row:
 
 
 def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
-    """How many times each rival's rate ours is, the quickest first, for what is comparable."""
+    """Our rate over each rival's, the quickest first, for rows that are comparable."""
     lines = []
     columns = ("size", *benchmark.same)
     for key in dict.fromkeys(tuple(row[column] for column in columns) for row in rows):
@@ -197,7 +197,7 @@ def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
 
 
 def bench_json(document: dict[str, Any]) -> str:
-    """The document as strict JSON."""
+    """The document of a benchmark as strict JSON."""
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
@@ -213,7 +213,7 @@ def describe_machine() -> dict[str, Any]:
 
 
 def _memory_and_load() -> dict[str, float]:
-    """What of both the system tells; Windows neither, by these calls."""
+    """Memory and load as far as the system reports them; Windows reports neither in this way."""
     found: dict[str, float] = {}
     if hasattr(os, "sysconf"):
         pages = os.sysconf("SC_PHYS_PAGES")

@@ -1,12 +1,12 @@
-"""`palpate bench collision`: who touches which, ours beside collision libraries.
+"""`palpate bench collision`: vertices found in cells, ours beside collision libraries.
 
-Two bodies that deform in every step, and within them. All tools get the same points and get the
-same query: in which cells of the other body vertices lie. Trees are refitted (Warp) or built anew
-(Embree) in every step, our hash is filled anew. Each timing goes round all frames of the motion.
+Two bodies deform in every step, and touch each other and themselves. All tools get the same points
+and the same query: in which cells of the other body vertices lie. In every step trees are refitted
+(Warp) or built anew (Embree), and our hash is filled anew. A timing covers all frames.
 
-Rows have against (other, or other and self), place (overlapping or apart), times_ours; pairs: what
-the tool found of what we found; missed: what it did not; extra: what it found beyond. Missed and
-extra of tools in single precision lie on sides of cells.
+Rows have against (other, or other and self), place (overlapping or apart), times_ours; pairs: our
+pairs that the tool found; missed: those that it did not find; extra: those that it found beyond.
+Missed and extra pairs of tools in single precision lie on sides of cells.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ RAYS = "trimesh embree"
 Keys = NDArray[np.int64]
 
 
-# Steps before the motion comes round again.
+# Number of steps after which the motion repeats.
 NUM_FRAMES = 6
-_SWAY = 0.02  # of the bodies' half size: how far points move to and fro
-_ROUND = 0.6  # of the way from a cube to a ball
+_SWAY = 0.02  # amplitude of the points' motion over the bodies' half size
+_ROUND = 0.6  # roundness: 0 is a cube, 1 a ball
 
 
 class Place(Enum):
-    """How the two bodies lie."""
+    """The arrangement of the two bodies."""
 
     OVERLAPPING = "overlapping"
     APART = "apart"
 
 
-# Between the centres, in half sizes of a body, along the diagonal: the boxes around the bodies
-# overlap in both.
+# Distance of the centres along the diagonal, over half the size of a body: in both arrangements
+# the boxes around the bodies overlap.
 _BETWEEN = {Place.OVERLAPPING: 1.7, Place.APART: 2.5}
 
 
@@ -85,7 +85,7 @@ def _turned(about_z: float, about_x: float) -> Points:
 
 
 def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArray[np.float64]:
-    """Waves through the body: every point goes its own way, and no step is a rigid motion."""
+    """Waves through the body: every point moves differently, and no step is a rigid motion."""
     frames = []
     for k in range(NUM_FRAMES):
         angle = 2.0 * np.pi * k / NUM_FRAMES + phase
@@ -95,7 +95,7 @@ def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArr
 
 
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
-    """Either body in the other, and where they overlap each in itself too."""
+    """Each body against the other, and where they overlap also against itself."""
     for place in Place:
         bodies = make_bodies(BODIES[size], place)
         for with_self in (False, True) if place is Place.OVERLAPPING else (False,):
@@ -117,11 +117,11 @@ def _finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
 
 
 def compare(rows: Sequence[Row], results: Sequence[NDArray[np.generic]]) -> None:
-    """Pairs, missed and extra, of the first frame: ours, the first, are those of brute force."""
+    """Add pairs, missed and extra of the first frame; ours, the first, equal brute force."""
     ours = keys_of(results[0])
     for row, pairs in zip(rows, results, strict=True):
         keys = keys_of(pairs)
-        # Rays know vertices alone.
+        # Rays find vertices only, not their cells.
         expected = vertices_of(ours) if row["tool"] == RAYS else ours
         row["pairs"] = len(np.intersect1d(keys, expected))
         row["missed"] = len(np.setdiff1d(expected, keys))
@@ -142,7 +142,7 @@ def vertices_of(keys: Keys) -> Keys:
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
-    """Milliseconds of a step, and of it within the bodies."""
+    """Milliseconds of a step, and the part of it for self-collision."""
     parts = [f"{1e3 * ours[0]['seconds']:.3g} ms a step"]
     if "seconds_within" in ours[0]:
         parts.append(f"{1e3 * ours[0]['seconds_within']:.3g} ms of it within the bodies")

@@ -1,4 +1,4 @@
-"""`palpate bench condensed`: the condensed linear model under a ball, tick by tick.
+"""`palpate bench condensed`: the condensed linear model under a ball, timed tick by tick.
 
 A kidney fixed on its back; a ball is pressed 5 mm into it and drawn in a circle, 0.03 mm a tick.
 Rows have, over the ticks of the circle: seconds (processor time of a tick, median) with rate, its
@@ -37,28 +37,28 @@ from palpate.validation.states import Progress
 from palpate.validation.versions import version_of
 
 Row = dict[str, Any]
-# Points that may be touched, about -> length of edges [m].
+# Approximate number of points that may be touched -> edge length [m].
 SIZES = {1_000: 5.15e-3, 2_000: 3.64e-3, 3_000: 2.98e-3}
 TABLE = (
     "contacts", "tick_99_ms", "share_above", "late_of_1khz", "build_seconds", "said_mb",
     "found_mb", "times_full", "difference",
 )  # fmt: skip
-# A tick of a haptic device is 1 ms; this is what contact may take of it.
+# A tick of a haptic device is 1 ms; this is the time that contact may take of it [ms].
 LIMIT_MS = 0.3
-# Ticks of one circle; as many as a quarter of it press the ball in.
+# Number of ticks of one circle; a quarter of this number presses the ball in.
 TICKS = 1_600
-# By the clock, one a millisecond.
+# Ticks that are timed by the clock, one per millisecond.
 CLOCKED = 3_000
 _RADIUS, _DEPTH, _CIRCLE = 12e-3, 5e-3, 8e-3  # [m]
 
 
 def measure(size: int, progress: Progress) -> list[Row]:
-    """A row for each precision of the compliance."""
+    """Time the model, with a row for each precision of the compliance."""
     return measured(kidney(SIZES[size]), progress, num_ticks=TICKS, clocked=CLOCKED)
 
 
 def summary(found: Sequence[Row]) -> list[str]:
-    """What the limit is, and what a tick takes beside the full solve."""
+    """The limit, and the time of a tick beside that of the full solve."""
     return [
         f"{row['size']} points, {row['precision']}: {1e3 * row['seconds']:.3f} ms a tick (median), "
         f"{row['tick_99_ms']:.3f} ms at 99 %, {row['share_above']:.2%} above {LIMIT_MS} ms, "
@@ -72,7 +72,7 @@ def kidney(edge_length: float) -> Problem:
     """A kidney fixed on its back, a ball above its front.
 
     Args:
-        edge_length: [m].
+        edge_length: Length of edges [m].
     """
     mesh = mesh_surface(shape_kidney(edge_length=edge_length))
     surface = np.unique(mesh.boundary_facets)
@@ -84,7 +84,7 @@ def kidney(edge_length: float) -> Problem:
 
 
 def way(start: Points, num_ticks: int) -> Points:
-    """Where the ball is, tick by tick: a quarter of them down, all of them round [m]."""
+    """Positions of the ball by tick [m]: a quarter of `num_ticks` down, then a full circle."""
     down = _DEPTH * np.linspace(0.0, 1.0, num_ticks // 4)
     turned = np.linspace(0.0, 2.0 * np.pi, num_ticks)
     positions = np.tile(start, (len(down) + num_ticks, 1))
@@ -99,10 +99,10 @@ def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: i
     """Condense a body, and touch it: a row for each precision of the compliance.
 
     Args:
-        problem: With one tool, on the surface.
+        problem: The problem with one tool, on the surface.
         progress: Called with what is done.
-        num_ticks: Of one circle.
-        clocked: Ticks by the clock, one a millisecond.
+        num_ticks: Number of ticks of one circle.
+        clocked: Number of ticks by the clock, one per millisecond.
     """
     size = condensed_size(problem)
     before = _memory(peak=False)
@@ -132,7 +132,7 @@ def _touched(model: CondensedModel, progress: Progress, num_ticks: int, clocked:
     num_down = len(positions) - num_ticks
     progress(f"{len(positions)} ticks of {len(model.touched)} points, {model.precision} precision")
     spent, contacts = np.zeros(len(positions)), np.zeros(len(positions))
-    # The first time round fills caches and gathers columns, as a user's first second does.
+    # The first circle fills caches and gathers columns, as a user's first second does.
     for _ in range(2):
         for tick, position in enumerate(positions):
             begin = time.thread_time()
@@ -182,17 +182,17 @@ def _solved_in_full(model: CondensedModel, forces: Points) -> Points:
 
 
 def _late(body: CondensedBody, positions: Points, count: int) -> float:
-    """The fraction of ticks that are not done when the next one begins, one a millisecond."""
+    """The fraction of ticks that are not done when the next one begins, after a millisecond."""
     (ball,) = body.tools
     late = 0
     begin = time.perf_counter()
     for tick in range(count):
         due = begin + 1e-3 * tick
         while (left := due - time.perf_counter()) > 0.0:
-            # Sleep ends late by up to a tenth of a millisecond.
+            # Sleep may end a tenth of a millisecond late.
             if left > 4e-4:
                 time.sleep(left - 3e-4)
-        # There and back, so that no tick jumps.
+        # Forwards and backwards, so that the ball never jumps.
         step = tick % (2 * len(positions))
         ball.move_to(positions[-1 - min(step, 2 * len(positions) - 1 - step)])
         body.step()
@@ -201,7 +201,7 @@ def _late(body: CondensedBody, positions: Points, count: int) -> float:
 
 
 def _memory(*, peak: bool) -> int:
-    """Of this process [bytes], 0 where the system does not tell; else the peak since the last."""
+    """Memory of this process [bytes], or its peak since the last call; 0 where it is unknown."""
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
         if not peak:

@@ -1,8 +1,8 @@
-"""`palpate bench delaunay`: tetrahedra of points, ours beside every installed rival.
+"""`palpate bench delaunay`: Delaunay tetrahedra of points, ours beside every installed rival.
 
-Random points, and at 100 000 a grid and a sphere. Every timing is a process of its own. Seconds
-are from the points in the tool's memory to the cells there. Rows have points (random, grid,
-sphere), cells and peak_memory_mb of the process, with the interpreter's 30 MB.
+The points are random, and with 100 000 also on a grid and on a sphere. Every timing is a process
+of its own; seconds are from the points in the tool's memory to the cells there. Rows have points
+(random, grid, sphere), cells and peak_memory_mb of the process, with the interpreter's 30 MB.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
-# Grid and sphere: hard for exactness, so one size shows it.
+# Grid and sphere test exact arithmetic: one size is enough to show it.
 SHAPES_SIZE = 100_000
 SCHEDULE = Schedule(turns=3, long=12.0, is_fresh=True, time_limit=130.0)
 TOOLS = (Tool(OURS, "ours"), *tools_for("delaunay"))
 
 
 def place_points(kind: str, count: int) -> Points:
-    """Points of a benchmark, shape (about count, 3), always the same.
+    """The points of a benchmark, shape (about count, 3), which are always the same.
 
     Args:
         kind: "random" in the unit cube, a "grid" of whole steps, or on a "sphere".
-        count: How many; a grid takes the nearest cube number.
+        count: Number of points; a grid takes the nearest cube number.
     """
     random = np.random.default_rng(20070705)
     if kind == "random":

@@ -1,12 +1,12 @@
 """`palpate bench mesh`: surfaces filled with tetrahedra, ours beside every installed rival.
 
-Kidney surfaces, none made by palpate's own triangulation: a fine kidney is the geometry, gmsh's
-surface mesher covers it with the wanted number of triangles; VTK decimates it, and draws it anew by
-marching cubes (flying edges). Every timing is a process of its
-own; quality is measured here, the same way for all. Seconds are from the surface in the tool's
-memory to the finished mesh there. Rows have surface, cells, min_dihedral_deg, p1_dihedral_deg (1st
-percentile of each cell's smallest angle), inverted cells, boundary_kept, relative_volume_error,
-critical_time_step_us (E = 10 kPa, nu = 0.45, 1000 kg/m3) and peak_memory_mb.
+The surfaces are kidneys that palpate's own triangulation has not made: gmsh covers a fine kidney
+with the wanted number of triangles, VTK decimates that, or draws it anew by marching cubes (flying
+edges). Every timing is a process of its own; quality is measured here, in the same way for all.
+Seconds are from the surface in the tool's memory to the finished mesh there. Rows have surface,
+cells, min_dihedral_deg, p1_dihedral_deg (1st percentile of each cell's smallest angle), inverted
+cells, boundary_kept, relative_volume_error, critical_time_step_us (E = 10 kPa, nu = 0.45, 1000
+kg/m3) and peak_memory_mb.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, ChildFailedError, Schedule, timed
 from palpate.validation.states import Progress
 
-# The poorer surfaces come in one size.
+# The surfaces of lower quality have one size.
 POOR_SIZE = 10_000
 SCHEDULE = Schedule(turns=3, long=5.0, is_fresh=True, time_limit=400.0)
 TOOLS = (Tool(OURS, "ours"), *tools_for("mesh"))
 _GMSH, _VTK = tools_for("surface")
 # Equilateral triangles of edge h have an area of sqrt(3)/4 h^2.
 _EDGE_SQUARED = 4.0 / math.sqrt(3.0)
-# Soft tissue; only the ratio of the critical steps depends on the mesh.
+# Soft tissue; of the critical steps only the ratio depends on the mesh.
 _TISSUE = Material(1e4, 0.45, 1000.0)
 
 
@@ -44,7 +44,7 @@ def make_surface(kind: str, size: int) -> TriSurface:
 
     Args:
         kind: "gmsh", "decimated" or "marching cubes".
-        size: Number of triangles, about.
+        size: Approximate number of triangles.
 
     Raises:
         ChildFailedError: gmsh or VTK is missing or failed.
@@ -52,7 +52,7 @@ def make_surface(kind: str, size: int) -> TriSurface:
     options: dict[str, Any]
     if kind == "gmsh":
         fine, tool = shape_kidney(edge_length=2e-3), _GMSH
-        # It makes them about 10 % shorter.
+        # gmsh makes edges about 10 % shorter.
         options = {"edge_length": 1.1 * math.sqrt(fine.area / size * _EDGE_SQUARED)}
     elif kind == "decimated":
         fine, tool = (
@@ -62,7 +62,7 @@ def make_surface(kind: str, size: int) -> TriSurface:
         options = {"size": size}
     else:
         fine, tool = shape_kidney(edge_length=4e-3), _VTK
-        # A surface crosses about 2.5 triangles for each voxel face's worth of area.
+        # A surface has about 2.5 triangles for each area of a voxel's face.
         options = {"voxel": math.sqrt(2.5 * fine.area / size)}
     job = {"points": fine.points, "facets": fine.facets, **options}
     said: list[str] = []
@@ -99,9 +99,9 @@ def make_scenes(size: int, progress: Progress) -> Iterator[Scene]:
 
 
 def measure(surface: TriSurface, result: Mapping[str, Any]) -> Row:
-    """What a mesh is worth; of one with inverted cells no more than that."""
+    """Measure the quality of a mesh; with inverted cells only their number is reported."""
     points, cells = result["points"], result["cells"].astype(np.int32)
-    # About a local origin, so that the sum keeps its digits.
+    # Relative to a local origin, so that the sum keeps its digits.
     volumes = signed_volumes(points - surface.points.mean(axis=0), cells)
     inverted = int((volumes <= 0.0).sum())
     measured: Row = {

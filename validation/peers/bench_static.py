@@ -1,8 +1,8 @@
-"""`palpate bench static`: equilibria of a beam and of the kidney, ours beside other solvers.
+"""`palpate bench static`: equilibria of a beam and a kidney, ours beside other solvers.
 
-Whole static solves to a relative residual of 1e-8, assembly included. dolfinx has its mesh and
-compiled forms before the clock starts, ours only the arrays; CalculiX reads its input file; FElupe
-factors directly. Rows have body, strain, tip_displacement [m] (z, of the same point in every
+A timing is a whole static solve to a relative residual of 1e-8, with assembly. dolfinx has its mesh
+and compiled forms before the clock starts, ours only the arrays; CalculiX reads its input file;
+FElupe factors directly. Rows have body, strain, tip_displacement [m] (z, of the same point in every
 tool), peak_memory_mb of the process, solver, iterations, linear_iterations, and times_linear:
 seconds with Green strain over those with linear.
 """
@@ -43,7 +43,7 @@ def beam_problem(size: int) -> Problem:
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
     """Both strain measures, linear first."""
     problem = load_case("kidney").problem if size == KIDNEY else beam_problem(size)
-    # The farthest point along x, then z: moved much, and the same one for all.
+    # The farthest point along x, then z: it moves much, and is the same for all tools.
     x, _, z = problem.mesh.points.T
     tip = int(np.lexsort((z, x))[-1])
 
@@ -66,7 +66,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def remark(ours: list[Row], rivals: list[Row]) -> list[str]:
-    """Memory and tip beside the quickest rival's, and what Green strain costs."""
+    """Memory and tip beside the quickest rival's, and the cost of Green strain."""
     row, parts = ours[0], []
     if rivals:
         tip = rivals[0]["tip_displacement"]

@@ -1,16 +1,16 @@
 """`palpate bench steps`: explicit steps of one body, ours beside other simulators and loops.
 
-Whole steps with supports, weight and damping. Rows have body, precision and peak_memory_mb; the
-rate is in million cells x steps per second. Rivals with our law have relative_force_error, of the
+A step includes supports, weight and damping. Rows have body, precision and peak_memory_mb; the
+rate is in million cells x steps per second. Rivals with our law have relative_force_error, over the
 largest nodal force, at a random displacement of a tenth of a cell. Ours have real_time_factor
 (simulated over spent time, at each element's own stable step), speedup_from_threads and, on the
 kidney, real_time_cells: how many cells of this body would run in real time. Smoothed tetrahedra
-have times_linear: a second of motion over that of plain ones; another law has rate_of_stvk: its
-rate over that of Saint-Venant-Kirchhoff's in the same run. With a device ours is there on it as
-well: bytes_per_cell, which a step moves, counted from the arrays; gigabytes_per_second that this
-makes; share_of_copy, of what copies reach there, if a body is beyond the caches; times_two_cores,
-over our core on two threads; and paper_rate, what an H100's memory would allow at most
-(`palpate.validation.peers.bench_traffic`).
+have times_linear: the time for a second of motion over that of plain ones; another law has
+rate_of_stvk: its rate over that of Saint-Venant-Kirchhoff in the same run. With a device ours also
+runs on it: bytes_per_cell, which a step moves, counted from the arrays; the gigabytes_per_second
+that result; share_of_copy, the fraction of what copies reach there, for a body beyond the caches;
+times_two_cores, over our core on two threads; and paper_rate, the most that an H100's memory would
+allow (`palpate.validation.peers.bench_traffic`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from palpate.validation.states import Progress
 
 KIDNEY = 20_000
 _box = partial(brick_box, size=(4.0, 1.0, 1.0), ragged=0.15)
-# Number of cells (the kidney's about) -> body.
+# Number of cells (approximate for the kidney) -> body.
 SIZES: dict[int, Callable[[], TetMesh]] = {
     6_000: partial(_box, (40, 5, 5)),
     58_080: partial(_box, (80, 11, 11)),
@@ -52,9 +52,9 @@ MASS_DAMPING = 5.0  # [1/s]
 WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
 _KIND = ("element", "precision", "law")
 _COMPUTED = ("threads", "precision", "device")
-# Bytes that a step moves: a smaller body may stay in a cache, and says nothing of the memory.
+# Bytes that a step moves: a smaller body may stay in a cache, and does not test the memory.
 _BEYOND_CACHES = 1e8
-# Short timings find the quiet moments of a busy machine.
+# Short timings catch the quiet moments of a busy machine.
 SCHEDULE = Schedule(turns=12, seconds=0.2)
 
 
@@ -71,7 +71,7 @@ TOOLS = (
 
 
 def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
-    """A body with what every tool is given, as plain arrays."""
+    """A body and all data that every tool gets, as plain arrays."""
     mesh = SIZES[size]()
     body = Body(mesh, TISSUE)
     low, high = mesh.points[:, 0].min(), mesh.points[:, 0].max()
@@ -116,7 +116,7 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def on_device(benchmark: Benchmark, device: str) -> Benchmark:
-    """The benchmark with ours on a device besides, and the simulators of others that Warp runs."""
+    """The benchmark with ours also on a device, and with other simulators that Warp runs."""
     more = tuple(_ours(*one, device=device) for one in product(Element, Precision))
     ours = sum(tool.name == OURS for tool in benchmark.tools)
     there = {"device": device.removeprefix("warp:")}
@@ -131,7 +131,7 @@ def on_device(benchmark: Benchmark, device: str) -> Benchmark:
 
 
 def _compare_device(row: Row, rows: list[Row]) -> None:
-    """What a device's rate is of its memory's, and of two cores."""
+    """Compare a device's rate with that of its memory, and with two cores."""
     moved = row["bytes_per_cell"] * row["size"] / row["seconds"] / 1e9
     row["gigabytes_per_second"] = moved
     if row["bytes_per_cell"] * row["size"] > _BEYOND_CACHES:
@@ -155,7 +155,7 @@ def _of_copy(row: Row) -> str:
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
-    """What threads give, and how many cells run in real time."""
+    """The speedup from threads, and how many cells run in real time."""
     parts = [
         f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one"
         for row in ours

@@ -1,8 +1,8 @@
-"""Bytes that a step moves, counted from its arrays, and what they allow on paper.
+"""Bytes that a step moves, counted from its arrays, and the highest rate that they allow.
 
-Counted once for each launch that reads or writes an array from end to end; points that several
-cells read are taken to come from the cache after the first. What acts on the boundary alone
-(pressure, supports, tools) is left out. An upper bound of the rate, not a measurement:
+An array counts once for each launch that reads or writes it from end to end; points that several
+cells read are assumed to come from the cache after the first. What acts on the boundary alone
+(pressure, supports, tools) is left out. The result is an upper bound of the rate, no measurement:
 
     rate <= bandwidth / (bytes per cell and step)
 
@@ -14,7 +14,7 @@ For the box of 600 000 cells of `palpate bench steps`, with 0.18 points a cell, 
 
 At the 3.35 TB/s that NVIDIA states for the memory of an H100 SXM, linear tetrahedra make at most
 17.6 thousand million cells x steps per second in float32 and 9.7 in float64, if the memory gives
-all it can and nothing else holds the kernels up: on paper, not measured on a device.
+all it can and nothing else delays the kernels: on paper, not measured on a device.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from palpate.fastsim.gpu.device_run import DeviceRun
 from palpate.fastsim.gpu.launches import BLOCK
 from palpate.meshes.errors import InputError
 
-# Of the memory of an H100 SXM, by NVIDIA's data sheet [bytes/s].
+# Memory bandwidth of an H100 SXM, by NVIDIA's data sheet [bytes/s].
 H100_BANDWIDTH = 3.35e12
 
 
@@ -54,7 +54,7 @@ def bytes_per_step(body: ExplicitBody) -> int:
     if cells.cell_forces.size:
         gathered = _size(cells.cell_forces) + _size(cells.cell_forces, *cells.gather, m.force)
     else:
-        gathered = 3 * _size(m.force)  # cleared, then read and written by the sums
+        gathered = 3 * _size(m.force)  # it is cleared, then read and written by the sums
     moved = _size(m.external, m.force, scheme.mobility) + 2 * _size(m.increment, m.displacement)
     looked = _size(m.mass, m.is_free, m.external, m.increment, m.displacement)
     looked += 2 * _size(m.counted, m.given, m.increment, m.displacement)
@@ -67,7 +67,7 @@ def paper_rate(bytes_per_cell: float, bandwidth: float = H100_BANDWIDTH) -> floa
 
 
 def copy_bandwidth(body: ExplicitBody, *, megabytes: int = 256) -> float:
-    """What copies on the body's device reach, read and written [bytes/s].
+    """Bandwidth of copies on the body's device, bytes read and written [bytes/s].
 
     Raises:
         InputError: A body of the compiled core.
@@ -78,5 +78,5 @@ def copy_bandwidth(body: ExplicitBody, *, megabytes: int = 256) -> float:
 
 
 def _size(*arrays: Any) -> int:
-    """Bytes of them all."""
+    """Number of bytes of all arrays."""
     return sum(int(array.capacity) for array in arrays)

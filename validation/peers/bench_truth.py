@@ -1,8 +1,8 @@
 """`palpate bench truth`: the reference with quadratic tetrahedra, on one rank and on two.
 
-The whole command `palpate solve CASE --with reference --degree 2` with Green strain, to a relative
-residual of 1e-10; `size` is the number of unknowns. Rows have iterations (of Newton's method),
-max_displacement [m], peak_memory_mb of all its processes together, kb_per_unknown and
+The whole command `palpate solve CASE --with reference --degree 2` is timed with Green strain, to a
+relative residual of 1e-10; `size` is the number of unknowns. Rows have iterations (of Newton's
+method), max_displacement [m], peak_memory_mb of all processes together, kb_per_unknown and
 ms_per_unknown (by the clock).
 """
 
@@ -49,7 +49,7 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def remark(ours: list[Row], rivals: list[Row]) -> list[str]:
-    """How far the results are apart."""
+    """The difference of the results."""
     one = ours[0]["max_displacement"]
     return [
         f"largest displacements {abs(row['max_displacement'] - one) / one:.1g} apart"
@@ -61,7 +61,7 @@ BENCHMARK = Benchmark(
     task="Truth",
     sizes=tuple(BLOCKS),
     tools=TOOLS,
-    # A set-up writes the mesh; a timing is one command, which compiles nothing the second time.
+    # The set-up writes the mesh; a timing is one command, which has compiled its forms before.
     schedule=Schedule(turns=1, is_fresh=True, time_limit=3600.0),
     make_scenes=make_scenes,
     measure_work=lambda row: row["size"],

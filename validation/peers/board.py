@@ -1,7 +1,7 @@
-"""Every simulator on every case: nothing that one of them does stops the others.
+"""The scoreboard: every simulator on every case; a failure of one does not stop the others.
 
-Simulators of others run side by side, each a process of its own; truths under other laws are
-solved here meanwhile, one after the other. What is quick comes first, so that a call that is
+Simulators of others run side by side, each in a process of its own; truths under other laws are
+solved here meanwhile, one after the other. Quick cases come first, so that a call that is
 interrupted has cached most of the results.
 """
 
@@ -23,24 +23,24 @@ from palpate.validation.peers.board_runs import Cache, Run, Status, is_cached, r
 from palpate.validation.peers.registry import Peer
 from palpate.validation.states import Progress, Verdict
 
-# A motion takes about as long as so many statics of its mesh; only the order depends on it.
+# A motion takes about as long as this many statics of its mesh; it only affects the order.
 _STEPS_OF_A_MOTION = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """What was computed and judged.
+    """The results of the scoreboard.
 
     Attributes:
-        entries: In their order, those that are installed.
-        absent: Those that are not.
-        cases: In their order.
-        scores: By name of entry and case.
-        truths: By name of case and law.
-        time_limit: Of one run [s].
+        entries: Simulators that are installed, in their order.
+        absent: Simulators that are not installed.
+        cases: Cases in their order.
+        scores: Scores by name of entry and case.
+        truths: Truths by name of case and law.
+        time_limit: Time limit of one run [s].
         date: When the board was made.
-        minutes: That making it took this time, by the clock.
-        processor_minutes: Likewise of the processor, of everything that was run for it.
+        minutes: Wall time of this call [min].
+        processor_minutes: Processor time of everything that was run for it [min].
     """
 
     entries: Sequence[Peer]
@@ -54,11 +54,11 @@ class Board:
     processor_minutes: float
 
     def of_entry(self, entry: Peer) -> list[Score]:
-        """Its scores, in the order of the cases."""
+        """The scores of an entry, in the order of the cases."""
         return [self.scores[entry.name, case.path.stem] for case in self.cases]
 
     def of_case(self, case: Case) -> list[Score]:
-        """Of everybody, in their order."""
+        """The scores on a case, in the order of the entries."""
         return [self.scores[entry.name, case.path.stem] for entry in self.entries]
 
 
@@ -74,18 +74,18 @@ def compute_board(
     """Run what is missing, and judge everything.
 
     Args:
-        entries: Who is asked.
-        cases: What they are asked.
-        cache: What is there already, and where new results go.
-        time_limit: Of one run [s].
-        progress: Called with one line for each thing done.
-        processes: How many things are done at once; as many as there are cores where None.
+        entries: The simulators.
+        cases: The cases that they solve.
+        cache: Existing results, and where new ones go.
+        time_limit: Time limit of one run [s].
+        progress: Called with one line for each run or truth.
+        processes: How many runs there are at once; the number of cores where None.
     """
     begin, spent = time.monotonic(), _processor_seconds()
     lock, processes = threading.Lock(), processes or _cores()
 
     def say(line: str) -> None:
-        """Lines of several threads, each with the minutes since the start."""
+        """Report a line, of any thread, with the minutes since the start."""
         minutes, seconds = divmod(int(time.monotonic() - begin), 60)
         with lock:
             progress(f"{minutes:2d}:{seconds:02d} {line}")
@@ -94,7 +94,7 @@ def compute_board(
     for entry in absent:
         progress(f"{entry.name}: {entry.why_missing()}")
     present = [entry for entry in entries if entry not in absent]
-    # Every case under every entry's law and under its own; each body is made once.
+    # Every case under each entry's law and under its own; each body is meshed once.
     under = {
         (case.path.stem, law): case_under(case, law)
         for case in cases
@@ -122,14 +122,14 @@ def compute_board(
                 say(f"truth of {of.name}")
                 truths[key] = find_truth(of, cache, say)
 
-    for entry, case in asked:  # by this process, whose time is read while it does nothing else
+    for entry, case in asked:  # in this process, which is timed while it does nothing else
         if not entry.is_outside:
             run(entry, case)
     for entry in (one for one in present if one.compiles):
         bodies = [under[case.path.stem, entry.law] for who, case in asked if who is entry]
         missing = (of for of in bodies if not is_cached(entry, of, cache, time_limit))
-        any(warm_up(entry, of, say) for of in missing)  # until one can be posed to it
-    # Under another law first: its truth is solved here while the others run.
+        any(warm_up(entry, of, say) for of in missing)  # until it takes one of them
+    # Cases under another law come first: their truths are solved here while the others run.
     outside = [(entry, case) for entry, case in asked if entry.is_outside]
     outside.sort(key=lambda one: (_cost(one[1]), one[0].law is one[1].spec.material.law))
     pool = ThreadPoolExecutor(processes)
@@ -141,7 +141,7 @@ def compute_board(
             entry, case = future.result()
             if runs[entry.name, case.path.stem].status is Status.ANSWERED:
                 need(case, entry.law)
-    finally:  # nothing more begins where something goes wrong here
+    finally:  # after an error here nothing more begins
         pool.shutdown(cancel_futures=True)
     say("every run has ended; judged now")
     scores: dict[tuple[str, str], Score] = {}
@@ -162,24 +162,24 @@ def compute_board(
 
 
 def _processor_seconds() -> float:
-    """Of this process, all threads, and of those that it has waited for."""
+    """Processor time of this process with all threads, and of ended children [s]."""
     now = os.times()
     return now.user + now.system + now.children_user + now.children_system
 
 
 def _cores() -> int:
-    """That this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def _cost(case: Case) -> float:
-    """What orders cases by how long they take: cells, and of motions many steps of them."""
+    """A cost that orders cases by their time: the number of cells, for motions times steps."""
     is_motion = case.problem.time is not None
     return case.problem.mesh.num_cells * (_STEPS_OF_A_MOTION if is_motion else 1.0)
 
 
 def _judged(run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnSteps) -> Score:
-    """A score; what cannot be judged is shown as that, and stops nobody."""
+    """Judge a run; one that cannot be judged has a score that says so, and stops no other."""
     try:
         return judge_run(run, entry, truth, of_case, own_steps)
     except Exception as error:

@@ -1,17 +1,17 @@
-"""How far a result is from the truth of its own law, and what that is made of.
+"""Distance of a result from the truth of its own law, and the parts of this error.
 
-The parts are of the displacement of the point that moves most in the truth (of those that are not
-fixed), along the way it goes there, over that displacement; with signs they add up to its error:
+The parts concern the point that moves most in the truth (of those that are not fixed): its
+displacement along the truth's, over that displacement; with signs they add up to its error:
 
-    law      the law that the result follows in the place of the one that the simulator states
+    law      the law that the result follows instead of the one that the simulator states
     mesh     the reference on the same mesh, linear or quadratic, less the truth
     solver   the result less the equilibrium of its own law on its own mesh
     step     of motions, at the time when that is: the reference on the same mesh by the scheme and
              step that the simulator states, less that in the case's steps; where it states none,
              what steps and solver add together. Where the case has no steps, in mesh
 
-That the case's own law would have moved the body otherwise is no error here; it is reported beside
-(`law_apart`).
+The difference between the simulator's law and the case's own is no error here; it is reported
+separately (`law_apart`).
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ class Score:
 
     Attributes:
         run: What was judged.
-        law: Of the truth it is compared with.
-        metric: That `distance` is.
-        distance: From the truth, relative; None where there is no result or no truth.
-        bar: What it may be off by.
-        limit: What a user of the case needs; None where the case does not say.
-        verdict: By these; skipped where nothing can be said.
+        law: Law of the truth it is compared with.
+        metric: The metric of `distance`.
+        distance: Relative distance from the truth; None where there is no result or no truth.
+        bar: Error bar of the distance.
+        limit: What a user of the case needs; None where the case does not state it.
+        verdict: The verdict by these; skipped where there is none.
         same_mesh: Largest distance of a point from the reference on the same mesh, over the
             largest displacement.
-        causes: By name, signed, in parts of the truth's largest displacement.
+        causes: Parts of the error by name, signed, over the truth's largest displacement.
         follows: The law that the result follows, where it is not `law`.
         law_apart: Distance of the truths of `law` and of the case's own law.
-        why: There is no distance.
-        smallest_det_f: Of the result.
+        why: The reason where there is no distance.
+        smallest_det_f: Smallest det F of the result [-].
     """
 
     run: Run
@@ -82,11 +82,11 @@ def judge_run(
     """Compare a run with the truth of its law.
 
     Args:
-        run: How the simulator fared.
+        run: The run and its result.
         entry: The simulator.
-        truth: Of the case under the simulator's law.
-        of_case: Of the case as it stands.
-        own_steps: Of motions by their own steps; these are not looked at where None.
+        truth: Truth of the case under the simulator's law.
+        of_case: Truth of the case under its own law.
+        own_steps: References of motions by the simulator's own steps; None leaves these out.
     """
     case = truth.case
     metric = "displacement_l2" if case.problem.time is None else "trajectory_l2"
@@ -145,7 +145,7 @@ def _causes(
     same: State | None,
     entry: Peer,
 ) -> tuple[dict[str, float], str]:
-    """Parts of a result's error, and the law that it follows where that is another."""
+    """Parts of a result's error, and the law that it follows if that is another one."""
     if same is None:
         return {}, ""
     try:
@@ -171,7 +171,7 @@ def _causes(
 
 
 def _where_free(problem: Problem, displacement: Points) -> Points:
-    """Zero where a point is fixed altogether, which shows no error; all where that is all."""
+    """The displacement, with zero at fully fixed points, unless all points are fixed."""
     free = np.ones(len(displacement), dtype=bool)
     for support in problem.supports:
         if support.normal is None and all(support.components):
@@ -183,7 +183,7 @@ def _where_free(problem: Problem, displacement: Points) -> Points:
 def _causes_of_motion(
     problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
 ) -> tuple[dict[str, float], str]:
-    """Parts where and when the truth moves most, and the law that the result follows likewise."""
+    """As `_causes`, for a motion, where and when the truth moves most."""
     lengths = np.linalg.norm(truth.displacements, axis=2)
     moment = np.unravel_index(int(lengths.argmax()), lengths.shape)
     direction = truth.displacements[moment]
@@ -195,7 +195,7 @@ def _causes_of_motion(
         return float(of.displacements[moment] @ direction) / scale
 
     stepped = own_steps.of(problem, state) if own_steps else None
-    if same is None:  # the case has no steps of its own: those of the simulator go with its mesh
+    if same is None:  # the case has no steps: those of the simulator count as mesh
         if stepped is None:
             return {}, ""
         return {MESH: at(stepped) - at(truth), SOLVER: at(state) - at(stepped)}, ""
@@ -211,7 +211,7 @@ def _causes_of_motion(
 
 
 def _law_apart(truth: Truth, of_case: Truth) -> float | None:
-    """How far the law alone moves the body otherwise than the case's own."""
+    """The distance between the truths of this law and of the case's own."""
     if truth.case.other_law is None or truth.references is None or of_case.references is None:
         return None
     strain = truth.case.strain

@@ -1,4 +1,4 @@
-"""The board as pages that need no server, their words and drawing; its data as CSV and JSON."""
+"""The scoreboard as pages that need no server, and its data as CSV and JSON."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def write_board(board: Board, folder: Path) -> Path:
 
 
 def scores_table(board: Board) -> Table:
-    """A row for each simulator and case."""
+    """The table of scores, with a row for each simulator and case."""
     rows = [_row(entry, score) for entry in board.entries for score in board.of_entry(entry)]
     return Table("Scores", _COLUMNS, rows)
 
@@ -119,7 +119,7 @@ def _row(entry: Peer, score: Score) -> Sequence[Any]:
 
 
 def document(board: Board, table: Table) -> dict[str, Any]:
-    """Everything, as plain data."""
+    """The whole board as plain data."""
     truths = [
         {
             "case": name,
@@ -147,9 +147,9 @@ def document(board: Board, table: Table) -> dict[str, Any]:
 
 
 def minutes_of(board: Board) -> dict[str, float]:
-    """What runs and truths solved here took by the clock, whenever that was, one after the other.
+    """Wall time of all runs and truths solved here, whenever that was, one after the other.
 
-    Failures by time count with the time limit; what is refused, not at all.
+    Runs that hit the time limit count with it; cases that were refused do not count.
     """
     runs = [score.run for score in board.scores.values()]
     waited = sum("no answer within" in run.why for run in runs) * board.time_limit
@@ -160,13 +160,13 @@ def minutes_of(board: Board) -> dict[str, float]:
 
 
 def version_of_entry(entry: Peer, board: Board) -> str:
-    """As it says itself, of any run."""
+    """The version that the simulator states in any run."""
     versions = (score.run.says.get("version") for score in board.of_entry(entry))
     return visible(str(next(filter(None, versions), "–")))
 
 
 def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
-    """A simulator in one line."""
+    """The summary of a simulator in one row."""
     scores = board.of_entry(entry)
     answered = [score for score in scores if score.run.status is Status.ANSWERED]
     verdicts = [score.verdict for score in scores if score.limit is not None]
@@ -188,7 +188,7 @@ def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
 
 
 def about_case(problem: Problem, strain: Strain) -> str:
-    """What is asked of a body, in a sentence."""
+    """The problem in a sentence."""
     material, mesh = problem.material, problem.mesh
     kinds = ", ".join(dict.fromkeys(type(x).__name__ for x in (*problem.loads, *problem.springs)))
     kinds = kinds or "none"
@@ -201,7 +201,7 @@ def about_case(problem: Problem, strain: Strain) -> str:
 
 
 def summary_markdown(board: Board) -> str:
-    """One line a simulator, for a README."""
+    """A table with a line for each simulator, for a README."""
     lines = [
         "| simulator | law | answered | within need | median distance | processor time | memory |",
         "| --- | --- | --- | --- | --- | --- | --- |",
@@ -222,7 +222,7 @@ def summary_markdown(board: Board) -> str:
 
 
 _COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY}
-# Beyond, a body is not where it should be at all; the number stands in the table.
+# Bars end here: beyond, a body is not where it should be at all; the table has the number.
 _MOST = 1.0
 
 
@@ -257,14 +257,14 @@ def causes_svg(labels: Sequence[str], scores: Sequence[Score]) -> str:
         return figure_svg(figure, "Errors by cause")
 
 
-# How adapters say that there is something in a case that they do not pass on.
+# How adapters state that a case has something that they do not pass on.
 _NOT_HANDED = ": not handed to this simulator here"
-# Less than this is nothing to anybody.
+# Values below this are shown as zero.
 _LEAST = 1e-5
 
 
 def percent(value: float | None, *, signed: bool = False) -> str:
-    """A part as two digits of per cent."""
+    """Format a fraction in per cent with two digits."""
     if value is None or not math.isfinite(value):
         return "–"
     if abs(value) < _LEAST:
@@ -274,25 +274,25 @@ def percent(value: float | None, *, signed: bool = False) -> str:
 
 
 def seconds(value: float | None) -> str:
-    """Two digits of seconds."""
+    """Format seconds with two digits."""
     if not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
     return f"{value:.2g} s" if value < 100.0 else f"{value:.0f} s"
 
 
 def minutes(value: float) -> str:
-    """Whole minutes, with their unit."""
+    """Format whole minutes, with their unit."""
     whole = round(value)
     return "less than a minute" if whole < 1 else "1 minute" if whole == 1 else f"{whole} minutes"
 
 
 def memory(value: float | None) -> str:
-    """Whole megabytes."""
+    """Format whole megabytes."""
     return f"{value:.0f} MB" if isinstance(value, int | float) else "–"
 
 
 def outcome(score: Score) -> str:
-    """What a cell of the table says of a run."""
+    """The text of a run's cell in the table."""
     if score.run.status is Status.FAILED:
         return "failed"
     if score.run.status is not Status.ANSWERED:
@@ -301,7 +301,7 @@ def outcome(score: Score) -> str:
 
 
 def kind(score: Score) -> str:
-    """The class of such a cell: what colour it has."""
+    """The class of such a cell, which gives its colour."""
     if score.run.status is Status.NOT_POSED or score.run.status is Status.MISSING:
         return "none"
     if score.verdict is Verdict.SKIPPED:
@@ -310,12 +310,12 @@ def kind(score: Score) -> str:
 
 
 def bar(value: float | None) -> str:
-    """An error bar."""
+    """Format an error bar."""
     return "no bar" if value is None or not math.isfinite(value) else f"± {percent(value)}"
 
 
 def reason(score: Score) -> str:
-    """Why there is no distance, in short: a program's own words where it gave some."""
+    """The reason in short why there is no distance: the program's own words where it gave any."""
     why = score.why
     if score.run.status is Status.NOT_POSED:
         why = why.removeprefix("the case cannot be posed to it: ").strip('"')
@@ -324,13 +324,13 @@ def reason(score: Score) -> str:
         asked = why.removesuffix(_NOT_HANDED).split(", ")
         wanted = ", ".join("motion" if word == "time" else word for word in asked)
         return f"asks for {wanted}, which its adapter does not pass on"
-    if " s, its last line: " in why:  # a log's line says nothing of why time ran out
+    if " s, its last line: " in why:  # the line does not say why time ran out
         return why.partition(", its last line: ")[0]
     return why.removeprefix("it ended with 1, its last line: ").strip('"')
 
 
 def hint(score: Score) -> str:
-    """What it says when it is pointed at."""
+    """The text that appears when the pointer is over a score."""
     if score.distance is None:
         return reason(score)
     need = "" if score.limit is None else f"; its user needs {percent(score.limit)}"
@@ -338,13 +338,13 @@ def hint(score: Score) -> str:
 
 
 def need(scores: list[Score]) -> str:
-    """What a case's user needs, where it says so."""
+    """The need of a case's user, where the case states it."""
     limit = scores[0].limit if scores else None
     return "" if limit is None else percent(limit)
 
 
 def stated(score: Score, name: str) -> float | None:
-    """A number that a simulator states of its run."""
+    """A number that a simulator states about its run."""
     value = score.run.says.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None

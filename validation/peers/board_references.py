@@ -1,14 +1,13 @@
 """What results are compared with: truths, references by a simulator's own steps, and other laws.
 
-A truth is a case's stored one, or is solved here under another law; what is solved here is cached.
-Of a motion there are references by the steps that a simulator states besides, so that what scheme
-and step do is kept apart from what the solver leaves.
+A truth is the stored one of a case, or is solved here under another law, and cached. For a motion
+there are also references by the steps that a simulator states, so that the error of scheme and step
+is distinguished from that of the solver.
 
-Which law a result follows, where that is not the stated one: in statics every law that the judge
-knows is tried on the result, by what it leaves of the equations. Newton's method then goes from the
-result to the equilibrium of the best one near it: what lies between that and the equilibrium of the
-stated law is the law's, and what is left to the result its solver's. In motion every law is solved
-by the same steps.
+Where a result follows another law than the stated one, that law is found: in statics the residual
+of every law that the judge knows is computed at the result. From there Newton's method finds the
+nearby equilibrium of the best one: the distance from it to the equilibrium of the stated law is the
+error of the law, and the rest is the solver's. In motion every law is solved by the same steps.
 """
 
 from __future__ import annotations
@@ -52,15 +51,15 @@ from palpate.validation.references.stored import (
 )
 from palpate.validation.states import Progress, State
 
-# After which no finer mesh of a truth is begun, and that the runs of a motion take together: a
-# board has many of them [s]; and unknowns of the largest mesh of statics.
+# The time after which no finer mesh of a truth is begun, and the time of all runs of a motion: a
+# board has many of them [s]; and the number of unknowns of the largest mesh of statics.
 _SECONDS, _SECONDS_OF_A_MOTION, _UNKNOWNS = 120.0, 240.0, 2e5
-# Cells times steps of one run by own steps, which takes some minutes then; and of each of several
-# laws.
+# The most cells times steps of one run by a simulator's own steps, which takes some minutes then;
+# and of each run where several laws are tried.
 _WORK, _WORK_OF_A_LAW = 2e7, 2e6
-# Distances below this part of the largest displacement are nobody's law.
+# Distances below this fraction of the largest displacement are not attributed to a law.
 NOT_A_LAW = 1e-3
-# Another law must leave at most this part of what the stated one leaves, of forces and of distance.
+# Another law must have at most this fraction of the stated law's residual and distance.
 _EXPLAINS = 0.1
 _TOLERANCE = 1e-6
 _MOST_STEPS = 8
@@ -68,13 +67,13 @@ _MOST_STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The references of a case under a law; None where there are none, and why.
+    """The references of a case under a law; None where there are none, with the reason.
 
     Attributes:
-        case: Under the law.
+        case: The case under the law.
         references: States and bars.
-        why: There are none, or none but on the case's own mesh.
-        seconds: By the clock, that solving them took where they were solved for the board.
+        why: Why there are none, or none except on the case's own mesh.
+        seconds: Wall time of solving them, where they were solved for the board [s].
     """
 
     case: Case
@@ -84,7 +83,7 @@ class Truth:
 
     @property
     def law(self) -> Law:
-        """That it solves."""
+        """The law of the truth."""
         return self.case.problem.material.law
 
 
@@ -95,7 +94,7 @@ def case_under(case: Case, law: Law) -> Case:
 
 @functools.cache
 def _made_by() -> tuple[str, ...]:
-    """What a reference that is solved here depends on: FEniCSx, and the reference's sources."""
+    """What determines a reference that is solved here: FEniCSx, and the reference's sources."""
     sources = sorted(Path(reference.__file__).parent.rglob("*.py"))
     text = b"\0".join(source.read_bytes() for source in sources)
     installed = json.dumps(availability.versions(), sort_keys=True)
@@ -111,12 +110,12 @@ def _cached(cache: Cache, name: str, key: str) -> ReferenceSet | None:
 
 
 def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
-    """The stored references of a case; of one under another law those cached, or solved now.
+    """The stored references of a case; under another law cached ones, or new ones.
 
     Args:
-        case: Under the law that is asked for.
+        case: The case under the law that is asked for.
         cache: Where such truths are stored.
-        progress: Called with one line for each thing done.
+        progress: Called with one line for each truth solved.
     """
     if case.other_law is None:
         try:
@@ -156,13 +155,13 @@ def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
 
 
 def _solve_truth(case: Case, seconds: float, progress: Progress) -> ReferenceSet:
-    """The references of a case under another law, of its own strain measure."""
+    """Solve the references of a case under another law, for its own strain measure."""
     problem, strains = case.problem, (case.strain,)
     if problem.time is not None:
-        # Without a stated step there is none on the same mesh to be equal to.
+        # Without a stated step there is no reference on the same mesh to compare with.
         wanted = {"truth"} if problem.time.time_step is None else BOTH
         return solve_motion_set(problem, progress, wanted=wanted, strains=strains, seconds=seconds)
-    # The distance of displacement is all that is reported of it.
+    # Only the distance of displacements is reported.
     request = TruthRequest(seconds=seconds, metrics={case.strain: ("displacement_l2",)})
     return solve_live(
         problem, progress, strains=strains, has_stress=False, request=request, unknowns=_UNKNOWNS
@@ -171,7 +170,7 @@ def _solve_truth(case: Case, seconds: float, progress: Progress) -> ReferenceSet
 
 @dataclass(frozen=True)
 class OwnSteps:
-    """References of a motion by the steps that a simulator states, and by other laws.
+    """References of a motion with the steps that a simulator states, and with other laws.
 
     Attributes:
         cache: Where they are stored.
@@ -182,21 +181,21 @@ class OwnSteps:
     progress: Progress
 
     def of(self, problem: Problem, result: State) -> State | None:
-        """The same mesh by the steps that the simulator states; None where it states none.
+        """The reference on the same mesh with the steps that the simulator states.
 
-        None too where that would take too long, or there is no such reference.
+        None where it states none, where that would take too long, or without such a reference.
         """
         if result.steps is None or are_the_cases(problem, result.steps):
             return None
         return self._solve(problem, result, result.steps, _WORK)
 
     def followed(self, problem: Problem, result: State, stated: State) -> tuple[str, State] | None:
-        """Another law that the result follows, by its own steps or the case's, and its motion.
+        """Another law that the result follows, with its own steps or the case's, and its motion.
 
         Args:
-            problem: Under the law that is stated.
-            result: Of the simulator.
-            stated: The reference of that law by the same steps.
+            problem: The problem under the law that is stated.
+            result: The simulator's result.
+            stated: The reference of that law with the same steps.
 
         Returns:
             Its name and motion; "" and `stated` where no other law explains it better; None where
@@ -256,8 +255,8 @@ def followed_law(
     """The law and its equilibrium near a result with plain linear tetrahedra.
 
     Args:
-        problem: As stated, without tools.
-        strain: As stated.
+        problem: The problem under the stated law, without tools.
+        strain: The stated strain measure.
         displacement: The result [m], (num_points, 3).
         stated: The equilibrium of the stated law on the same mesh [m].
 
@@ -282,7 +281,7 @@ def followed_law(
 
 
 def _equilibrium(body: Body, displacement: Points, law: LawOfCells) -> Points | None:
-    """Of another law, by Newton's method from nearby; None where it does not get there."""
+    """The equilibrium of another law by Newton's method from nearby; None if it fails."""
     u = displacement + body.to_supports(displacement)
     for _ in range(_MOST_STEPS):
         internal, external = body.internal(u, law), body.external(u)

@@ -1,8 +1,8 @@
-"""One simulator on one case: a result, a failure, or why the case cannot be posed; and the cache.
+"""Runs one simulator on one case, with a result, a failure or a refusal; and caches the runs.
 
-A file of the cache holds what its key says and nothing else: a case, a law, an adapter or a time
-limit that has changed has another key, and is computed anew. Each file is written whole or not at
-all.
+The key of a cached file is a hash of all that the result depends on: a case, a law, an adapter or
+a time limit that has changed has another key, and is computed anew. Each file is written whole or
+not at all.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ARRAYS = ("times", "points", "cells", "original_id")
 
 
 def key_of(*parts: str) -> str:
-    """One key of several."""
+    """The key of several parts, as a hash."""
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
@@ -46,7 +46,7 @@ class Cache:
     """A folder of runs.
 
     Args:
-        folder: Made where it is not there.
+        folder: Created if it does not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -54,11 +54,11 @@ class Cache:
         self.folder = folder
 
     def path(self, name: str, key: str, suffix: str) -> Path:
-        """Where what has this key lies."""
+        """The path of the file with this key."""
         return self.folder / f"{re.sub(r'[^A-Za-z0-9.-]', '_', name)}-{key[:16]}{suffix}"
 
     def read(self, name: str, key: str) -> tuple[dict[str, Any], ResultFile | None] | None:
-        """A run's record and its result; None where there is none that can be read."""
+        """A run's record and its result; None where no readable record exists."""
         try:
             record = parse_json(read_text(self.path(name, key, ".json")))
             if not isinstance(record, dict) or record.get("key") != key:
@@ -70,7 +70,7 @@ class Cache:
             return None
 
     def write(self, name: str, key: str, record: dict[str, Any], result: ResultFile | None) -> None:
-        """Store a run: the result first, so that a record never stands alone."""
+        """Store a run, the result first, so that no record exists without it."""
         if result is not None:
             fields = {one: getattr(result, one) for one in _ARRAYS}
             what = "positions" if result.are_positions else "displacement"
@@ -87,7 +87,7 @@ class Cache:
         write_text_atomically(self.path(name, key, ".json"), text + "\n")
 
 
-# Time to compile [s].
+# Additional time for a run that compiles [s].
 _WARM_UP = 900.0
 
 
@@ -102,16 +102,16 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """How a simulator fared with a case.
+    """The run of a simulator on a case.
 
     Attributes:
-        entry: Its name.
-        case: The case's, without the law.
-        status: How it ended.
-        why: There is no result.
+        entry: Name of the simulator.
+        case: Name of the case, without the law.
+        status: How the run ended.
+        why: The reason where there is no result.
         state: The result.
-        seconds: Of the whole program, by the clock, with start-up and reading.
-        says: Words of its own: version, method, iterations, processor time, memory.
+        seconds: Wall time of the whole program, with start-up and reading [s].
+        says: What the program states: version, method, iterations, processor time, memory.
         date: When it ran.
     """
 
@@ -130,9 +130,9 @@ def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress
 
     Args:
         entry: The simulator.
-        case: Under the entry's law.
+        case: The case under the entry's law.
         cache: Where results are stored.
-        time_limit: Of one run [s].
+        time_limit: Time limit of one run [s].
         progress: Called with one line for each run.
     """
     name = case.path.stem
@@ -182,7 +182,7 @@ def is_cached(entry: Peer, case: Case, cache: Cache, time_limit: float) -> bool:
 
 
 def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
-    """Run a simulator once for nothing, so that no result waits for what is compiled at first.
+    """Run a simulator once without use of the result, so that later runs find it compiled.
 
     Returns:
         Whether it ran: False where the case cannot be posed to it.
@@ -202,7 +202,7 @@ def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
 
 
 def _label_and_key(entry: Peer, case: Case, time_limit: float) -> tuple[str, str]:
-    """Where a run is cached: its name, and the key of all that it depends on."""
+    """The name and the key of a run in the cache; the key covers all that it depends on."""
     key = key_of(case_key(case.problem, case.strain), entry.sources_hash(), f"{time_limit:g}")
     return f"{entry.name}-{case.name}", key
 
@@ -226,7 +226,7 @@ def _run_fastsim(entry: Peer, case: Case, progress: Progress) -> Run:
 
 
 def _with_state(run: Run, case: Case, state: State, says: dict[str, Any]) -> Run:
-    """The run with its state; one that cannot be is a failure."""
+    """The run with its state; an unusable state makes it a failure."""
     impossible = unmeasurable_state(state) or state_out_of_reach(case.problem, state)
     if impossible:
         return _failed(run, impossible)

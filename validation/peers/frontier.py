@@ -1,10 +1,10 @@
-"""Error against run time: every simulator that is installed, at several mesh sizes, in one plot.
+"""Error against run time of every installed simulator, at several mesh sizes, in one plot.
 
 A soft bar, clamped at one end, is bent by a downward traction on the other until its tip has
 sunk by a quarter of its length. The error is the relative L2 distance from quadratic elements on
-the finest mesh; the time is processor time of the solve alone, one thread, without start-up and
-reading. A simulator with another law keeps the distance of that law however fine its mesh: it is
-drawn apart.
+the finest mesh; the time is processor time of the solve alone, on one thread, without start-up and
+reading. For a simulator with another law the distance of that law remains however fine the mesh:
+it is drawn separately.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ DIVISIONS = (1, 2, 3, 4, 6)
 TRACTION = 150.0  # Pa, downward on the free end
 TIME_LIMIT = 120.0
 LINEAR = "linear strain"
-# Responses of the condensed model that are timed together.
+# Number of responses of the condensed model that are timed together.
 _STEPS = 100
-# Largest distance from fastsim on the same mesh, over the largest displacement: seven digits of a
-# text file, or a motion that was stopped at a residual of 1e-7.
+# Largest distance from fastsim on the same mesh, over the largest displacement: a text file has
+# seven digits, and relaxation stops at a residual of 1e-7.
 SAME_MESH = 1e-4
 
 
@@ -65,7 +65,7 @@ class Row(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """Every run; what was left out and why; how far the reference moves on a halved mesh."""
+    """All runs, what was left out and why, and the reference's change on a halved mesh."""
 
     rows: Sequence[Row]
     left_out: Sequence[str]
@@ -80,7 +80,7 @@ def make_problem(divisions: int) -> Problem:
 
 
 def compute(progress: Progress) -> Runs:
-    """Run everything that is installed."""
+    """Run all simulators that are installed."""
     problems = {n: make_problem(n) for n in DIVISIONS}
     finest, half = problems[DIVISIONS[-1]], problems[3]
     truth, coarser = (
@@ -117,15 +117,15 @@ def run_installed(
     leave_out: Progress,
     quadratic: Mapping[int, Problem] | None = None,
 ) -> list[Row]:
-    """Every other simulator that is installed, on meshes that it can take.
+    """Run every other installed simulator on the meshes that it can take.
 
     Args:
-        problems: By number of divisions.
-        solutions: fastsim's solutions with plain linear tetrahedra, likewise [m].
-        truth: What errors are measured against.
+        problems: Problems by number of divisions.
+        solutions: fastsim's solutions with plain linear tetrahedra by divisions [m].
+        truth: The reference that errors are measured against.
         progress: Called before each run.
-        leave_out: Called with what is not run to its end, and why.
-        quadratic: Those for quadratic tetrahedra, likewise; the same ones where None.
+        leave_out: Called with each run that is not finished, and the reason.
+        quadratic: Problems for quadratic tetrahedra by divisions; the same ones where None.
     """
     rows = []
     for peer in read_peers():
@@ -156,7 +156,7 @@ def _run_peer(
     truth: FieldTruth,
     progress: Progress,
 ) -> Row:
-    """`ours` is fastsim's solution on the same mesh, None where the equations are others."""
+    """Run a simulator; `ours` is fastsim's solution on the same mesh, None for other equations."""
     result, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = result.about
     placed = place(result, problem)
@@ -179,12 +179,12 @@ def _run_peer(
 
 
 def time_condensed(problem: Problem, green: Points, truth: FieldTruth) -> list[Row]:
-    """The condensed linear model, made anew and ready: the second is a force on what is there.
+    """Time the condensed linear model with its making, and a force on the finished model.
 
     Args:
-        problem: Its loads act through the compliance.
-        green: fastsim's solution by Green strain [m].
-        truth: What errors are measured against.
+        problem: The problem, whose loads act through the compliance.
+        green: fastsim's solution with Green strain [m].
+        truth: The reference that errors are measured against.
     """
     begin = time.process_time()
     found = solve_condensed(problem).displacement
@@ -207,7 +207,7 @@ def time_condensed(problem: Problem, green: Points, truth: FieldTruth) -> list[R
 
 
 def judge(runs: Runs) -> list[Finding]:
-    """Claims that the figure rests on; another law is reported, and judged by nobody."""
+    """Judge the claims that the figure rests on; another law is reported, but not judged."""
     same_law = [row for row in runs.rows if row.law == STVK]
     apart, worst = max((row.same_mesh, row) for row in same_law if row.same_mesh is not None)
     findings = [
@@ -239,7 +239,7 @@ def judge(runs: Runs) -> list[Finding]:
 
 
 def present(runs: Runs) -> Page:
-    """Error over processor time, and every run."""
+    """The page: error over processor time, and all runs."""
     columns = {"tool": "", "version": "", "law": "", "method": "", "cells": "d"}
     columns |= {"seconds": ".3g", "error": ".4f", "same mesh": ".2g"}
     return Page(
@@ -251,7 +251,7 @@ def present(runs: Runs) -> Page:
 
 
 def draw(runs: Runs) -> Figure:
-    """A line for each tool; another law dashed."""
+    """Draw a line for each tool; lines of another law are dashed."""
     lines, notes = [], []
     for tool in dict.fromkeys(row.tool for row in runs.rows):
         of = [row for row in runs.rows if row.tool == tool]

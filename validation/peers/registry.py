@@ -1,8 +1,8 @@
 """Simulators of others, one row each of `registry.toml`, and the Python environments they live in.
 
-Gate, frontier, benchmarks and scoreboard take theirs from here. How a row is run stands in its
-adapter. A tool may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to
-try besides this one, separated like PATH.
+Gate, frontier, benchmarks and scoreboard take their simulators from here; the adapter of a row runs
+it. A tool may be installed in another Python environment: PALPATE_BENCH_PYTHON names interpreters
+to try besides this one, separated like PATH.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from palpate.validation.peers import adapters
 FILE = Path(__file__).parent / "registry.toml"
 ADAPTERS = Path(adapters.__file__).parent
 VARIABLE = "PALPATE_BENCH_PYTHON"
-# The tool's name of our own rows in a benchmark.
+# The name of palpate in its own rows of a benchmark.
 OURS = "palpate"
 
 
 @dataclass(frozen=True)
 class Tool:
-    """Who is timed in a benchmark.
+    """A tool that is timed in a benchmark.
 
     Attributes:
-        name: In the rows; our own is "palpate".
+        name: Its name in the rows; our own is "palpate".
         adapter: Its file in the folder of adapters, without .py.
-        install: How to get it.
-        options: For its adapter, besides the job.
+        install: How it is installed.
+        options: Options for its adapter, besides the job.
         runs_everywhere: Whether it is timed in all interpreters that have another version of it.
     """
 
@@ -59,14 +59,14 @@ class _Model(BaseModel):
 
 
 class Setting(_Model):
-    """One choice that was made for a simulator, and who recommends it."""
+    """A setting that was chosen for a simulator, and the source that recommends it."""
 
     what: str = Field(min_length=1)
     source: str = Field(min_length=1)
 
 
 class Timing(_Model):
-    """A row's part in a benchmark: which one, and its tool there."""
+    """The benchmark in which a row is timed, and the name of its tool there."""
 
     of: str
     tool: str
@@ -79,22 +79,22 @@ class Peer(_Model):
     """A simulator, or another tool that is timed.
 
     Attributes:
-        name: Short, of letters, digits and hyphens: its page and its column.
-        title: For people.
-        law: That it solves; a case's body follows it in the place of the case's own.
-        compiles: Whether its first run here compiles what later ones find.
+        name: Short name of letters, digits and hyphens, for its page and its column.
+        title: Name for people.
+        law: The law that it solves; a case's body follows it instead of the case's own.
+        compiles: Whether its first run here compiles what later ones reuse.
         adapter: Its file in the folder of adapters, without .py.
-        options: For its adapter.
-        module: That its interpreter must have; "" for a program on the path.
-        packages: Whose versions its results depend on; those of the module where none is named.
-        program: That must be on the path.
+        options: Options for its adapter.
+        module: Module that its interpreter must have; "" for a program on the path.
+        packages: Packages whose versions its results depend on; by default those of the module.
+        program: Program that must be on the path.
         install: How it is installed.
-        homepage: Of the project.
-        settings: Exact ones, with their sources.
-        better: How better results are got from it, a sentence each.
-        command: Of a simulator that is no adapter: "mysim {case} {result}".
-        element: Of fastsim, which is no outside simulator.
-        on_board: Whether it stands on the scoreboard.
+        homepage: Address of the project.
+        settings: Exact settings, with their sources.
+        better: How to get better results from it, a sentence each.
+        command: Command of a simulator without adapter: "mysim {case} {result}".
+        element: Element of fastsim, which is no outside simulator.
+        on_board: Whether it is on the scoreboard.
         frontier: Its largest number of divisions in the study frontier; 0 leaves it out there.
         bench: The benchmarks that it is timed in.
     """
@@ -120,21 +120,21 @@ class Peer(_Model):
 
     @property
     def is_outside(self) -> bool:
-        """Whether it is somebody else's."""
+        """Whether it is an outside simulator."""
         return self.element is None
 
     @property
     def is_quadratic(self) -> bool:
-        """Whether it has quadratic tetrahedra on the case's mesh."""
+        """Whether it uses quadratic tetrahedra on the case's mesh."""
         return self.options.get("degree") == 2
 
     @property
     def adapter_lines(self) -> int:
-        """How long its adapter is."""
+        """Number of lines of its adapter."""
         return len((ADAPTERS / f"{self.adapter}.py").read_text("utf-8").splitlines())
 
     def command_line(self) -> str | None:
-        """What is run; None where the simulator is not installed here."""
+        """The command line that runs it; None where the simulator is not installed here."""
         if self.command:
             return self.command
         if self.program and shutil.which(self.program) is None:
@@ -150,14 +150,14 @@ class Peer(_Model):
         return [f"{name}={value}" for name, value in self.options.items()]
 
     def why_missing(self) -> str:
-        """What a reader does to have it."""
+        """How a reader can install it."""
         where = "" if self.program else f" ({VARIABLE} names other interpreters)"
         return f"not installed here: {self.install}{where}"
 
     def sources_hash(self) -> str:
-        """SHA-256 over what runs it: its adapter and the files that this imports, or a command.
+        """SHA-256 over what runs it: its adapter with the files that this imports, or a command.
 
-        Of a command also the files that it names; of an adapter the versions of what it runs.
+        For a command the files that it names count too; for an adapter the versions that it runs.
         """
         if self.adapter:
             texts = [*_texts_of(self.adapter), " ".join(self._option_words).encode()]
@@ -167,7 +167,7 @@ class Peer(_Model):
         return hashlib.sha256(b"\0".join([*texts, self.versions().encode()])).hexdigest()
 
     def versions(self) -> str:
-        """What is installed here of it, in its own words."""
+        """The versions that are installed here, as it states them."""
         program = version_of_program(self.program) if self.program else ""
         interpreter = interpreter_with(self.module) if self.module else None
         if interpreter is None:
@@ -177,7 +177,7 @@ class Peer(_Model):
 
 @functools.cache
 def _texts_of(adapter: str) -> list[bytes]:
-    """An adapter's file and those of the folder that it imports, whoever imports them."""
+    """The texts of an adapter and of all files of the folder that it imports, also indirectly."""
     found: dict[str, bytes] = {}
     waiting = [adapter]
     while waiting:
@@ -215,7 +215,7 @@ def read_peers(path: Path = FILE) -> tuple[Peer, ...]:
     """Every row of a registry, in its order, and fastsim's last.
 
     Raises:
-        FileFormatError: Missing, no TOML, a key that is not known, or two of one name.
+        FileFormatError: It is missing or no TOML, has an unknown key, or two rows of one name.
     """
     try:
         given: dict[str, Any] = parse_toml(read_text(path))
@@ -229,10 +229,10 @@ def read_peers(path: Path = FILE) -> tuple[Peer, ...]:
 
 
 def peers_on_board(names: Sequence[str] | None = None) -> tuple[Peer, ...]:
-    """Those on the scoreboard that are named, in their order; all of them where none is.
+    """The named simulators of the scoreboard, in their order; all of them where none is named.
 
     Raises:
-        InputError: A name that is not there.
+        InputError: A name is unknown.
     """
     everybody = tuple(peer for peer in read_peers() if peer.on_board)
     known = {peer.name for peer in everybody}
@@ -262,7 +262,7 @@ def interpreters() -> list[str]:
     """This interpreter, then those of PALPATE_BENCH_PYTHON, separated like PATH.
 
     Raises:
-        InputError: One that is not there.
+        InputError: One of them does not exist.
     """
     others = [other for other in os.environ.get(VARIABLE, "").split(os.pathsep) if other]
     for other in others:
@@ -272,7 +272,7 @@ def interpreters() -> list[str]:
 
 
 def interpreter_with(module: str) -> str | None:
-    """The first of them that can import a module; None where none can."""
+    """The first of the interpreters that can import a module; None where none can."""
     return next((one for one in interpreters() if _imports(one, module)), None)
 
 
@@ -296,9 +296,9 @@ if not packages:
 
 @functools.cache
 def versions_with(interpreter: str, module: str, packages: tuple[str, ...]) -> str:
-    """Of an interpreter and of packages that it has; of a module without one, size and date.
+    """Versions of an interpreter and its packages; for a module without package, size and date.
 
-    "" where it does not say.
+    The result is "" where they cannot be found out.
     """
     command = [interpreter, "-P", "-c", _VERSIONS, module, *packages]
     return subprocess.run(command, capture_output=True, check=False, text=True).stdout
@@ -306,6 +306,6 @@ def versions_with(interpreter: str, module: str, packages: tuple[str, ...]) -> s
 
 @functools.cache
 def version_of_program(program: str) -> str:
-    """What it says when it is asked for its version with -v."""
+    """What a program prints when it is called with -v for its version."""
     done = subprocess.run([program, "-v"], capture_output=True, check=False, text=True)
     return done.stdout + done.stderr

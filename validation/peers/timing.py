@@ -1,6 +1,6 @@
-"""Tools in processes of their own, timed in turns, each driven by its adapter.
+"""Times tools in turns, in processes of their own, each driven by its adapter.
 
-One thread each unless its options say otherwise.
+Each has one thread unless its options state otherwise.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class Schedule:
     """How tools are timed.
 
     Attributes:
-        turns: Timings of each tool. The first is not counted, but where processes are fresh.
-        seconds: Work of one timing, about; 0 is one step.
-        unit: Of which a timing does a whole number [steps].
-        long: Whoever needs so long for one [s] gets `turns_if_long`.
+        turns: Timings of each tool. The first is not counted, unless processes are fresh.
+        seconds: Approximate time of one timing [s]; 0 is one step.
+        unit: A timing has a whole number of these [steps].
+        long: A tool whose timing takes this time [s] gets `turns_if_long`.
         is_fresh: Whether every timing is a process of its own.
-        time_limit: Of one set-up or one timing [s].
+        time_limit: Time limit of one set-up or one timing [s].
     """
 
     turns: int
@@ -59,9 +59,9 @@ class Child:
     """A tool in a process of its own.
 
     Attributes:
-        version: Of the tool; empty where it is not installed.
-        precision: Of its arithmetic.
-        timings: Of each so far: processor and wall seconds of one step, and what the tool said.
+        version: Version of the tool; empty where it is not installed.
+        precision: Precision of its arithmetic.
+        timings: For each timing: processor and wall time of one step [s], and the tool's report.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Child:
         """Set the tool up in a new process.
 
         Raises:
-            ChildFailedError: It failed, or the job is not for it.
+            ChildFailedError: It failed, or does not take the job.
         """
         self._process.close()
         errors = self._job.with_name("errors.txt").open("w+", encoding="utf-8")
@@ -115,7 +115,7 @@ class Child:
             return {name: stored[name] for name in stored.files}
 
     def time(self) -> None:
-        """Time the tool once; the first steps of all, which may compile, do not count."""
+        """Time the tool once; its very first steps, which may compile, do not count."""
         if self._schedule.is_fresh and self.timings:
             self.start()
         if not self._num_steps:
@@ -133,7 +133,7 @@ class Child:
         return count
 
     def _time(self, num_steps: int) -> dict[str, Any]:
-        with contextlib.suppress(BrokenPipeError):  # what is read next says why
+        with contextlib.suppress(BrokenPipeError):  # the next read says why
             self._say.write(f"{num_steps}\n")
             self._say.flush()
         timing = self._read()
@@ -142,7 +142,7 @@ class Child:
         return timing
 
     def best(self, clock: str) -> float:
-        """Least seconds of a step, by processor or wall clock."""
+        """Shortest time of a step [s], by processor or wall clock."""
         first = 0 if self._schedule.is_fresh else 1
         return float(min(timing[clock] for timing in self.timings[first:] or self.timings))
 
@@ -151,7 +151,7 @@ class Child:
         self._ends.close()
 
     def _read(self) -> dict[str, Any]:
-        # Whoever hangs is ended, and has failed.
+        # A process that hangs is ended, and has failed.
         timer = threading.Timer(self._schedule.time_limit, self._end)
         timer.start()
         line = self._said.readline()
@@ -231,6 +231,6 @@ def _environment(interpreter: str) -> dict[str, str]:
         environment["PYTHONPATH"] = os.pathsep.join(paths)
     for name in _THREADS:
         environment[name if "_" in name else f"{name}_NUM_THREADS"] = "1"
-    # Tools installed beside an interpreter (compilers, say) are found as in its own environment.
+    # Tools installed beside an interpreter (compilers, say) are found as in its environment.
     environment["PATH"] = f"{Path(interpreter).parent}{os.pathsep}{environment.get('PATH', '')}"
     return environment
