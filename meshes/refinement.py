@@ -1,4 +1,4 @@
-"""Uniform refinement: every tetrahedron into eight, points on the old straight edges."""
+"""Refinement of tetrahedra, uniform or local, with new points on the old straight edges."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
 
     Returns:
         A mesh of eight times the cells on the same domain; the old points come first, in
-        their order; facet groups are carried, point groups gain the midpoints between them.
+        their order; facet groups cover the same area, point groups gain the midpoints between
+        their points.
     """
     midpoints = _EdgeMidpoints(mesh)
     corners = mesh.cells.astype(np.int64)
@@ -66,7 +67,7 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
 
 
 def refine_problem(problem: Problem) -> Problem:
-    """The same problem on the uniformly refined mesh, all that it has carried over.
+    """The same problem on the uniformly refined mesh, with all its parts carried over.
 
     Point forces stay on their points. Facet loads cover the same area, tools may touch the same
     facets, inclusions fill the same cells.
@@ -90,13 +91,13 @@ def carry_problem(
     given_cell: NDArray[Any],
     carry_facets: Callable[[Indices], Indices],
 ) -> Problem:
-    """A problem on a finer mesh of its body that has its points first.
+    """A problem on a finer mesh of its body that has the old points first.
 
     Args:
-        problem: On the coarser mesh.
-        mesh: The finer one.
-        given_cell: The coarser mesh's cell that each of the finer one lies in.
-        carry_facets: From facets of the coarser mesh to their parts.
+        problem: The problem on the coarser mesh.
+        mesh: The finer mesh.
+        given_cell: The coarser mesh's cell in which each cell of the finer mesh lies.
+        carry_facets: From facets of the coarser mesh to their parts on the finer mesh.
     """
     supports = [
         dataclasses.replace(support, facets=carry_facets(support.facets))
@@ -134,7 +135,7 @@ def carry_problem(
 
 
 def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A field at the points of a mesh, linear in each cell, at those of `refine_uniformly`.
+    """A field that is linear in each cell of a mesh, at the points of `refine_uniformly`.
 
     Args:
         mesh: The mesh that is refined.
@@ -149,13 +150,13 @@ def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.
 
 
 def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means by cell of a refined mesh as means by cell of the mesh it came from.
+    """Means over the cells of a mesh from the means over the cells of its refinement.
 
     Args:
         values: (8 num_cells, ...), in the order of the cells of `refine_uniformly`.
 
     Returns:
-        (num_cells, ...): the eight cut from one cell have the same volume.
+        (num_cells, ...): the plain mean, since the eight parts of a cell have the same volume.
     """
     half, rest = len(values) // 2, values.shape[1:]
     corners = values[:half].reshape(4, -1, *rest).mean(axis=0)
@@ -192,7 +193,7 @@ class _EdgeMidpoints:
         return np.asarray(place + self._stride, dtype=np.int64)
 
     def facets(self, facets: Indices) -> Indices:
-        """Four facets for each, with the same orientation."""
+        """The four parts of each facet, with the same orientation, shape (4 n, 3)."""
         if len(facets) == 0:
             return np.zeros((0, 3), dtype=np.int32)
         a, b, c = facets.astype(np.int64).T
@@ -210,14 +211,11 @@ class _EdgeMidpoints:
         return both
 
 
-# Local refinement: chosen cells are cut at the midpoints of all their edges, and no point hangs.
-#
+# Local refinement: marked cells are cut at the midpoints of all their edges, and no point hangs.
 # Every facet with a cut edge is cut at its longest edge too, which keeps the shapes bounded in
 # practice (A. Plaza, G. F. Carey, Appl. Numer. Math. 32, 2000); a cell with all edges cut becomes
 # eight. Edges are cut one after the other, longest first by one order of the whole mesh, so that
-# two
-# cells cut their common facet in the same way.
-
+# two cells cut their common facet in the same way.
 
 # Edges of each facet of a cell, by their number in EDGES.
 _FACET_EDGES = np.array([[3, 4, 5], [1, 2, 5], [0, 2, 4], [0, 1, 3]])
@@ -230,8 +228,8 @@ class LocallyRefined:
     """A problem on a locally refined mesh.
 
     Attributes:
-        problem: On the new mesh, whose first points are the old ones in their order.
-        given_cell: The old cell that each new one lies in, shape (num_cells,).
+        problem: The problem on the new mesh, whose first points are the old ones in their order.
+        given_cell: The old cell in which each new one lies, shape (num_cells,).
     """
 
     problem: Problem
@@ -239,14 +237,14 @@ class LocallyRefined:
 
 
 def refine_cells(problem: Problem, marked: NDArray[np.bool_]) -> LocallyRefined:
-    """Halve the edges of the marked cells, and cut others as far as no point hangs.
+    """Halve the edges of the marked cells, and cut others until no point hangs.
 
     Supports, loads and tools keep their facets' area, inclusions their volume, forces on points
     their points.
 
     Args:
         problem: On any mesh.
-        marked: Which of its cells, shape (num_cells,) of bool.
+        marked: Whether each cell is cut, shape (num_cells,) of bool.
 
     Returns:
         The same problem on the finer mesh of the same body.
@@ -298,7 +296,7 @@ class _Cut:
 
     def _key(self, pairs: Integers) -> Integers:
         low, high = pairs.min(axis=-1), pairs.max(axis=-1)
-        # Of an edge to a new point: no key of the given mesh's.
+        # An edge to a new point is no edge of the given mesh.
         key: Integers = np.where(high < self._num_given, low * self._num_given + high, -1)
         return key
 
@@ -306,7 +304,7 @@ class _Cut:
         """Cut cells or facets until none has an edge that is cut.
 
         Returns:
-            The new ones, turned as the old ones were, and which old one each lies in.
+            The new ones, oriented as the old ones, and in which old one each lies.
         """
         done: list[Integers] = []
         done_of: list[Integers] = []
@@ -336,7 +334,7 @@ class _Cut:
         return every[order], owner[order].astype(np.int32)
 
     def facets(self, facets: Indices) -> Indices:
-        """The parts of some facets, turned as they were, shape (n, 3)."""
+        """The parts of some facets, oriented as they were, shape (n, 3)."""
         if len(facets) == 0:
             return np.zeros((0, 3), dtype=np.int32)
         parts: Indices = self.simplices(np.asarray(facets), _FACET_PAIRS)[0].astype(np.int32)

@@ -1,4 +1,4 @@
-"""Which rigid-body motions do the supports leave free? Geometry only."""
+"""The rigid-body motions that the supports leave free, and the connected parts of a mesh."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.meshes.triangles import Integers, connected_parts
 
 
 class UnsupportedBodyError(InputError):
-    """A body that can move as a whole; `.num_free_modes` and `.part` say how and which."""
+    """A body that can move as a whole: `.num_free_modes` of 6 are free in the part `.part`."""
 
     def __init__(self, num_free_modes: int, part: int, num_parts: int, num_supports: int) -> None:
         self.num_free_modes = num_free_modes
@@ -36,8 +36,8 @@ def parts_of_mesh(mesh: TetMesh) -> Integers:
 def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
     """Count the rigid motions (of 6) that the supports leave free, for each connected part.
 
-    The rank of the held components of the six rigid modes, with lengths scaled by the part's
-    size; singular values below 1e-8 of the largest count as zero.
+    Found from the rank of the fixed components of the six rigid modes, with lengths scaled by the
+    part's size; singular values below 1e-8 of the largest count as zero.
     """
     labels = parts_of_mesh(mesh)
     free = []

@@ -1,7 +1,7 @@
 """Rigid tools that touch the body: shape, path and drive as plain data; no mechanics here.
 
-A tool has a frame of its own. A pose (position, rotation) takes a place in it to the place
-rotation @ place + position in space. Each simulator measures distances to the shape by itself.
+A tool has a frame of its own. A pose (position, rotation) maps a point x of the frame to
+rotation @ x + position in space. Each simulator measures distances to the shape by itself.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tri_surface import TriSurface
 
-# How far from 1 a quaternion's length may be; what is nearer is normalised.
+# How far from 1 the length of a quaternion may be; within this it is normalised.
 UNIT_TOLERANCE = 1e-6
 
 
 class ToolError(InputError):
-    """A tool that cannot be used: no size, NaN in its path, time running backwards."""
+    """A tool that cannot be used: a size not above 0, NaN in its path, times not increasing."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class PlaneShape:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceShape:
-    """Inside of a closed surface given in the tool's frame (see `surface_checks`).
+    """The inside of a closed surface given in the tool's frame (see `surface_checks`).
 
     >>> import palpate
     >>> from palpate.meshes.shapes import shape_sphere
@@ -111,15 +111,16 @@ def _identity_rotations() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ToolPath:
-    """Poses over time; straight and at constant turn between knots, at rest outside of them.
+    """Poses over time: straight and at constant rotation rate between knots, at rest outside.
 
     Args:
         times: Knots [s], increasing, shape (n,), n >= 1. In statics a load parameter.
         positions: Of the tool's origin [m], shape (n, 3).
-        rotations: Unit quaternions (w, x, y, z), shape (n, 4); none means not turned.
+        rotations: Unit quaternions (w, x, y, z), shape (n, 4); none means no rotation.
 
     Raises:
-        ToolError: Wrong shapes, NaN or infinity, times that do not increase, no unit quaternion.
+        ToolError: Wrong shapes, NaN or infinity, times that do not increase, or a quaternion that
+            is not of unit length.
 
     >>> import palpate
     >>> path = palpate.ToolPath([0.0, 1.0], [[0.0, 0.0, 0.03], [0.0, 0.0, 0.01]])
@@ -184,20 +185,20 @@ class ToolPath:
         return _between(self.rotations[after - 1], self.rotations[after], self._part(after, time))
 
     def _part(self, after: int, time: float) -> float:
-        """Of the time from the knot before a knot to it."""
+        """Fraction of the time from the knot before `after` to that knot, 0 to 1."""
         begin, end = self.times[after - 1], self.times[after]
         return float((time - begin) / (end - begin))
 
 
 @dataclass(frozen=True)
 class ForceDrive:
-    """The tool slides along a line from its path's first pose, pushed by a force.
+    """The tool moves along a line from the first pose of its path, pushed by a force.
 
     Args:
         direction: Unit vector in space, shape (3,).
         force: Magnitude along it [N], times the amplitude.
         amplitude: Factor over time [-].
-        mass: Of the tool [kg], > 0; does not matter in statics.
+        mass: Mass of the tool [kg], > 0; does not matter in statics.
 
     >>> import palpate
     >>> from_the_start = palpate.TabularAmplitude((0.0,), (1.0,))
@@ -225,19 +226,19 @@ def _all_free_boundary() -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class RigidTool:
-    """A rigid thing pressed into the body.
+    """A rigid body pressed into the deformable one.
 
     The gap is the distance of the body's surface from the shape, negative inside. On linear
     tetrahedra it is taken at boundary vertices, each with a third of the rest area of its contact
     facets, so that every simulator has the same discrete problem.
 
     Args:
-        shape: In the tool's frame.
-        path: Where it is over time.
+        shape: Shape in the tool's frame.
+        path: Poses over time.
         friction_coefficient: Coulomb's [-], >= 0; 0 is frictionless.
         contact_facets: Boundary facets that may touch, shape (m, 3); none means all of the
-            boundary. Held points take no part.
-        drive: Pushed by a force instead of following its path; then the path has one pose.
+            boundary. Fixed points take no part.
+        drive: Force that pushes the tool instead of a given motion; then the path has one pose.
 
     Raises:
         ToolError: A negative friction coefficient, or a drive with more than one pose.
@@ -276,7 +277,7 @@ def rotation_matrix(quaternion: NDArray[Any]) -> Floats:
 
 
 def _between(start: Floats, end: Floats, s: float) -> Floats:
-    """The turn at constant rate, the shorter way round (Shoemake 1985, slerp)."""
+    """The rotation at constant rate, the shorter way round (Shoemake 1985, slerp)."""
     cosine = float(start @ end)
     if cosine < 0.0:
         end, cosine = -end, -cosine
@@ -295,17 +296,17 @@ def _require_size(what: str, value: float) -> None:
 
 
 def require_drive_of_statics(tools: Sequence[RigidTool]) -> None:
-    """Refuse a force on a tool that leaves no one equilibrium to look for.
+    """Refuse a force on a tool for which the static equilibrium is not unique.
 
-    Statics drive one tool, alone, along its line until the body takes the whole force; drag on the
-    way there would depend on the steps taken.
+    Statics drive a single tool along its line until the body balances the whole force; friction on
+    the way there would depend on the steps taken.
 
     Args:
-        tools: All of a problem's.
+        tools: All tools of a problem.
 
     Raises:
-        ToolError: A tool driven by a force beside others, or with friction; a force that does not
-            push.
+        ToolError: A tool driven by a force beside other tools, or with friction; a force that is
+            not above 0.
     """
     for number, tool in enumerate(tools, start=1):
         if tool.drive is None:
@@ -325,7 +326,7 @@ def require_drive_of_statics(tools: Sequence[RigidTool]) -> None:
             )
 
 
-# Straight pieces from one pose to the next: their jumps of speed are below 5 % of its largest.
+# Straight pieces from one pose to the next: jumps of speed are below 5 % of the largest speed.
 _PIECES = 64
 _STEP = TabularAmplitude((0.0, 1.0), (0.0, 1.0), is_smooth=True)
 
@@ -333,15 +334,15 @@ _STEP = TabularAmplitude((0.0, 1.0), (0.0, 1.0), is_smooth=True)
 def smooth_path(path: ToolPath) -> ToolPath:
     """The same poses at the same times, with the speed of the smooth amplitude between them.
 
-    From pose to pose the part 10 s^3 - 15 s^4 + 6 s^5 of the way, s of the time, as knots that are
-    near enough to each other: so every simulator reads a path of straight pieces, whichever it
-    was made from.
+    From pose to pose the tool has gone the fraction 10 s^3 - 15 s^4 + 6 s^5 of the way at the
+    fraction s of the time, given by closely spaced knots: every simulator reads a path of straight
+    pieces.
 
     Args:
         path: Straight from pose to pose.
 
     Returns:
-        A path with 64 pieces in the place of each, through the same poses.
+        A path through the same poses, with 64 pieces for each of the given ones.
 
     >>> import numpy as np
     >>> path = ToolPath(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))

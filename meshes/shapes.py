@@ -1,4 +1,8 @@
-"""Closed, oriented, deterministic surfaces of simple bodies, made of well-shaped triangles."""
+"""Closed surfaces of simple bodies, solid and hollow: oriented, reproducible, well-shaped.
+
+Box, sphere, cylinder, thick sphere and its eighth, and tube; `stitch_rings` and
+`flip_to_delaunay` triangulate other shapes made of rings.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +79,7 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
         edge_length: Wanted mean edge length [m], > 0.
     """
     require_positive(radius=radius, edge_length=edge_length)
-    # 10 n^2 + 2 points share 4 pi R^2: equilateral triangles of that density.
+    # 10 n^2 + 2 points on an area of 4 pi R^2: equilateral triangles of that density.
     parts = max(1, round(radius * math.sqrt(4.0 * math.pi / (math.sqrt(3.0) * 5.0)) / edge_length))
     t = GOLDEN_RATIO
     corners = np.array(
@@ -159,7 +163,7 @@ def stitch_rings(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> list[lis
     """Triangulate the band between two closed rings that start at the same angle.
 
     Both rings are evenly spaced and run counter-clockwise seen from above; the facets face
-    outwards of the band. Walks up both at once, each time closing the shorter diagonal.
+    outwards of the band. Both rings are followed at once, each time closing the shorter diagonal.
 
     Args:
         lower: Point indices of the lower ring, at least 1 (1 makes a fan).
@@ -252,7 +256,7 @@ def shape_hollow_sphere(radius: float, inner_radius: float, *, edge_length: floa
 def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: float) -> TriSurface:
     """The eighth of a thick sphere with x, y, z >= 0, its flat faces on the planes x, y, z = 0.
 
-    With these faces sliding it is the whole sphere under any load of that symmetry.
+    With supports that let these faces slide it stands for the whole sphere under symmetric loads.
 
     Args:
         radius: Outer [m].
@@ -263,7 +267,7 @@ def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: floa
         InputError: A length that is not above 0, or no wall.
     """
     _require_wall(radius, inner_radius, edge_length)
-    # n^2 triangles share pi R^2 / 2: equilateral ones of that density.
+    # n^2 triangles on an area of pi R^2 / 2: equilateral triangles of that density.
     n = max(1, round(radius * math.sqrt(2.0 * math.pi / math.sqrt(3.0)) / edge_length))
     layers = max(1, round((radius - inner_radius) / edge_length))
     index: dict[tuple[int, int, int], int] = {}
@@ -355,7 +359,7 @@ def shape_tube(
 
 
 def _halves(quad: Quad, number: int) -> list[tuple[int, int, int]]:
-    """A quadrilateral in two, along one diagonal or the other in turn."""
+    """The two triangles of a quadrilateral, cut along one diagonal or the other in turn."""
     a, b, c, d = quad
     return [(a, b, c), (a, c, d)] if number % 2 else [(a, b, d), (b, c, d)]
 

@@ -1,4 +1,4 @@
-"""The closed parts of a surface, and which lies in which: outsides, cavities, bodies within."""
+"""Shells, the closed parts of a surface, and their nesting: outer walls, cavities, inner bodies."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.tri_surface import OrientationError, TriSurface
 from palpate.meshes.triangles import EdgeUses, facet_parts
 
-# Facets times points per block: bounds the memory of the solid angles to some 50 MB.
+# Facets times points per block: limits the memory of the solid angles to some 50 MB.
 _BLOCK = 500_000
 
 
 class ShellKind(StrEnum):
-    """What a shell is to the solid."""
+    """What a shell bounds: the outside, a cavity, or a body within a cavity."""
 
     OUTSIDE = "outside"
     CAVITY = "cavity"
@@ -29,10 +29,10 @@ class Shell:
     """One closed, connected part of a surface.
 
     Attributes:
-        facets: Its facets' numbers in the surface.
+        facets: Numbers of its facets in the surface.
         volume: Enclosed volume [m3]; < 0 if its facets point inwards.
-        around: Numbers of the shells it lies in.
-        kind: What it is by nesting: an even number of shells around it makes it an outer wall.
+        around: Numbers of the shells in which it lies.
+        kind: By nesting: with an even number of shells around it, it is an outer wall.
     """
 
     facets: NDArray[np.int64]
@@ -42,15 +42,15 @@ class Shell:
 
 
 def find_shells(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell]:
-    """Part a closed surface into shells and find what lies in what.
+    """Divide a closed surface into shells and find which lies in which.
 
     Whether a shell lies in another is read from the other's winding number about one of its
     points (Van Oosterom, Strackee 1983): a whole number for shells that do not touch or cross,
-    which is not looked for here.
+    which is not checked here.
 
     Args:
         surface: Closed and consistently oriented; see `surface_checks`.
-        uses: The table of its edges, where it is at hand.
+        uses: The table of its edges, if known.
     """
     part = facet_parts(surface.facets, uses)
     members = [np.flatnonzero(part == k) for k in range(int(part.max(initial=-1)) + 1)]
@@ -83,7 +83,7 @@ def require_nested(surface: TriSurface, uses: EdgeUses | None = None) -> list[Sh
 
     Args:
         surface: Closed and consistently oriented within each shell.
-        uses: The table of its edges, where it is at hand.
+        uses: The table of its edges, if known.
 
     Raises:
         OrientationError: A shell's facets face the wrong way for where it lies.
@@ -112,16 +112,16 @@ def require_nested(surface: TriSurface, uses: EdgeUses | None = None) -> list[Sh
 
 
 def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
-    """Turn round each outer wall whose facets point inwards, with all the shells within it.
+    """Reverse each outer wall whose facets point inwards, with all the shells within it.
 
-    No point moves, and which side is solid is no choice there; whether the shells within then face
-    as they must is for `require_nested` to say.
+    No point moves, and which side is solid is unambiguous; `require_nested` checks whether the
+    shells within then face the right way.
 
     Args:
         surface: Closed and consistently oriented within each shell.
 
     Returns:
-        The surface, and how many facets were turned.
+        The surface, and how many facets were reversed.
     """
     shells = find_shells(surface)
     turned = np.zeros(surface.num_facets, dtype=bool)
@@ -133,7 +133,7 @@ def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
 
 
 def winding_numbers(surface: TriSurface, places: Points) -> Floats:
-    """How often an oriented surface winds around places: its solid angle / 4 pi.
+    """How often an oriented surface winds around given points: its solid angle / 4 pi.
 
     Args:
         surface: Its closed parts give whole numbers; +1 inside an outward shell.

@@ -1,15 +1,15 @@
 """A spring that pulls at a patch of the surface, as plain data in SI units; no mechanics here.
 
-What a hand or a forceps does to an organ: it holds a patch and moves. As a foundation of springs
+It models a hand or forceps that grips a patch of an organ and moves: a foundation of springs
 (Winkler's) over the patch S, of stiffness density kappa per rest area, with the anchor moved by d:
 
     virtual work = int_S kappa (d - u) . v dA,    kappa = k w / int_S w dA,
     w(X) = (1 - |X - c|^2 / r^2)^2 within r of the centre c, and 0 beyond.
 
-So the force on the body is k (d - mean of u weighted by w), and k is the stiffness of the whole,
-on every mesh. The weight falls to 0 at the patch's edge without a kink: no stress is singular
-there, and no facet more or less is a jump. It is taken linear on each facet between its values at
-the vertices, in every simulator and of every degree. Directions stay those at rest.
+So the force on the body is k (d - mean of u weighted by w), and k is the stiffness of the whole
+patch on every mesh. The weight falls smoothly to 0 at the edge of the patch: no stress is singular
+there, and a facet more or less changes little. On each facet the weight is linear between its
+values at the vertices, in every simulator and for every degree. Directions stay those at rest.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from palpate.meshes.triangles import facet_areas, facet_normals
 
 @dataclass(frozen=True, eq=False)
 class AnchorPath:
-    """How a spring's anchor moves, from where the body is at rest.
+    """Motion of a spring's anchor from its position at rest.
 
     Args:
         times: Knots [s], shape (k,), increasing.
-        displacements: Of the anchor at each [m], shape (k, 3); straight in between, constant
-            before the first and after the last.
-        is_smooth: From knot to knot by the step 10 s^3 - 15 s^4 + 6 s^5 instead, s of the time.
+        displacements: Displacement of the anchor at each knot [m], shape (k, 3); linear in
+            between, constant before the first and after the last.
+        is_smooth: From knot to knot by the step 10 s^3 - 15 s^4 + 6 s^5 instead, s the fraction
+            of the time.
 
     Raises:
         InputError: Other shapes, times that do not increase, NaN or infinity.
@@ -59,16 +60,16 @@ class AnchorPath:
             )
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "displacements", moved)
-        self.components()  # says what is wrong with times and values
+        self.components()  # raises what is wrong with times and values
 
     @property
     def end(self) -> Floats:
-        """Where it ends [m], shape (3,); statics are solved there."""
+        """Displacement at the last knot [m], shape (3,); statics are solved for it."""
         last: Floats = self.displacements[-1]
         return last
 
     def components(self) -> tuple[TabularAmplitude, TabularAmplitude, TabularAmplitude]:
-        """Its x, y and z over time [m]."""
+        """The x, y and z components over time [m]."""
         times = tuple(self.times.tolist())
         x, y, z = (
             TabularAmplitude(times, tuple(values), self.is_smooth)
@@ -83,17 +84,17 @@ class AnchorPath:
 
 @dataclass(frozen=True, eq=False)
 class Spring:
-    """A patch of the surface held by springs whose common anchor moves; see the module.
+    """A patch of the surface pulled by springs with one common, moving anchor; see the module.
 
     Args:
-        facets: Boundary facets that the patch lies in, shape (m, 3); `spring_patch` finds them.
-            What is beyond the radius has no weight.
-        center: Of the patch at rest [m], shape (3,).
-        radius: [m], > 0.
-        stiffness: Of all of it [N/m], > 0.
-        path: Of the anchor; one knot is an anchor that stays.
-        amplitude: Factor over time on the stiffness [-], 0 (let go) to 1; None is 1 at all times,
-            and so do statics take it.
+        facets: Boundary facets in which the patch lies, shape (m, 3); `spring_patch` finds them.
+            Points beyond the radius have no weight.
+        center: Centre of the patch at rest [m], shape (3,).
+        radius: Radius of the patch [m], > 0.
+        stiffness: Stiffness of the whole patch [N/m], > 0.
+        path: Motion of the anchor; with one knot the anchor does not move.
+        amplitude: Factor over time on the stiffness [-], 0 (released) to 1; None is 1 at all
+            times; statics take it as 1.
 
     Raises:
         InputError: A radius or a stiffness that is not above 0, a factor outside of 0 to 1, or a
@@ -149,7 +150,7 @@ class Spring:
         return dataclasses.replace(spring, facets=spring_patch(mesh, spring.center, spring.radius))
 
     def weights(self, points: Points) -> Floats:
-        """The weight at rest places [-], (n,) for (n, 3): 1 at the centre, 0 from the radius on."""
+        """Weight at rest positions [-], (n,) for (n, 3): 1 at the centre, 0 from the radius on."""
         squared = np.sum(((points - np.array(self.center)) / self.radius) ** 2, axis=-1)
         inside: Floats = np.clip(1.0 - squared, 0.0, None) ** 2
         return inside
@@ -158,7 +159,7 @@ class Spring:
         """Stiffness per rest area at the corners of its facets [N/m3], (m, 3): k w / int w dA.
 
         Args:
-            points: Of the mesh at rest [m], shape (num_points, 3).
+            points: Points of the mesh at rest [m], shape (num_points, 3).
 
         Raises:
             InputError: No corner lies within the radius.
@@ -176,21 +177,21 @@ class Spring:
 
 
 def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: float) -> Indices:
-    """The boundary facets within a distance of a place, as far as they hang together.
+    """The connected boundary facets within a distance of a point.
 
-    From the facet that is nearest, over common points: the other side of a thin wall is not among
+    Connected to the nearest facet over common points: the other side of a thin wall is not among
     them.
 
     Args:
-        mesh: At rest.
+        mesh: The mesh at rest.
         center: [m], shape (3,).
         radius: [m], > 0.
 
     Returns:
-        Shape (m, 3), some facet at least.
+        Facets, shape (m, 3), m >= 1.
 
     Raises:
-        InputError: No facet lies so near, or none of their points.
+        InputError: No facet lies within the radius, or no point of those that do.
     """
     facets = mesh.boundary_facets
     distances = _distances(mesh.points[facets], np.asarray(center, dtype=np.float64))
@@ -223,7 +224,7 @@ def _told(place: tuple[float, float, float]) -> str:
 
 
 def _distances(corners: Points, place: Floats) -> Floats:
-    """Of a place from triangles [m], shape (m,) for (m, 3, 3): to the plane, or to an edge."""
+    """Distance of a point from triangles [m], (m,) for (m, 3, 3): to the plane, or to an edge."""
     nearest = np.full(len(corners), np.inf)
     for k in range(3):
         start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]

@@ -1,4 +1,4 @@
-"""Programs in processes of their own, which end with this process however it ends."""
+"""Programs in processes of their own, which end with this process in whatever way it ends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 _SUPERVISOR = Path(__file__).with_name("supervisor.py")
-# A supervisor that has ended nothing for this long is ended itself [s].
+# A supervisor that has not finished after this time is ended itself [s].
 _PATIENCE = 10.0
 
 
@@ -22,12 +22,13 @@ _PATIENCE = 10.0
 def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subprocess.Popen[Any]]:
     """Start a program; it and whatever it started end with the block, or with this process.
 
-    On Linux that holds after a kill -9 of this process too, and for what left the program's
-    session. Elsewhere the program's process group ends with the block; on Windows the program.
+    On Linux that is so even after a kill -9 of this process, and for processes that left the
+    program's session. Elsewhere the program's process group ends with the block; on Windows the
+    program alone.
 
     Args:
         command: Program and arguments.
-        options: Of subprocess.Popen: its streams, env, cwd, text.
+        options: Options of subprocess.Popen: its streams, env, cwd, text.
 
     Yields:
         The process, whose exit status is the program's.
@@ -73,12 +74,12 @@ def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subpro
 def run_supervised(
     command: Sequence[str | Path], *, time_limit: float, **options: Any
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end and keep what it says, as text.
+    """Run a program to its end and return its output as text.
 
     Args:
         command: Program and arguments.
-        time_limit: [s]; it and whatever it started are ended then.
-        options: Of subprocess.Popen: env, cwd.
+        time_limit: Time [s] after which the program and whatever it started are ended.
+        options: Options of subprocess.Popen: env, cwd.
 
     Raises:
         subprocess.TimeoutExpired: No end within the time limit.
@@ -115,7 +116,7 @@ def _pipe(handles: contextlib.ExitStack) -> tuple[FileIO, FileIO]:
 
 def _end_group(process: subprocess.Popen[Any]) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        if sys.platform == "win32":  # it has no groups: what the program started is left
+        if sys.platform == "win32":  # without process groups: children of the program go on
             process.kill()
         else:
             os.killpg(process.pid, signal.SIGKILL)

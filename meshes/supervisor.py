@@ -1,9 +1,10 @@
-"""Runs a program and ends it, with all it started, when its caller says so or is gone.
+"""Runs a program and ends it, with all it started, on the caller's request or when the caller ends.
 
 A script of its own without palpate, for Linux: python -I -S supervisor.py READ WRITE CALLER
-PROGRAM... READ is a pipe that the caller writes to or drops; to WRITE goes the error number of a
-program that cannot be started. What the program leaves behind comes to this process, the
-"subreaper", even from sessions of its own, and ends with it. It ends as the program did.
+PROGRAM... The caller writes to the pipe READ or closes it; the error number of a program that
+cannot be started is written to WRITE. Processes that the program leaves behind, even in sessions
+of their own, become children of this process (a "subreaper") and are ended with it. Its exit
+status is the program's.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def main() -> int:
 
 
 def _caller_process(number: int) -> list[int]:
-    """What becomes readable when the caller ends; nothing where the system has no such thing.
+    """A descriptor that is readable when the caller ends; none where the system lacks pidfd.
 
-    The pipe alone tells it too, unless somebody whom the caller forked holds its other end.
+    The pipe alone shows it too, unless a process that the caller forked has its other end open.
     """
     with contextlib.suppress(OSError, AttributeError):
         if os.getppid() == number:
@@ -73,7 +74,7 @@ def _start(command: list[str], trouble: int) -> int:
 
 
 def _has_ended(child: int) -> bool:
-    """Whether the program has; it is not reaped, so that its number stays its own."""
+    """Whether the program has ended; it is not reaped, so that its number is not used again."""
     while True:
         found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if found is None:
@@ -86,8 +87,8 @@ def _has_ended(child: int) -> bool:
 def _end_all(child: int) -> int:
     """End the program's group and every descendant; return the program's wait status.
 
-    Only own children are ended, whose numbers nobody else can have; their children come to this
-    process then, and are ended in the next round.
+    Only children of this process are ended, whose numbers no other process can have; their own
+    children then become children of this process and are ended in the next round.
     """
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(child, signal.SIGKILL)
@@ -101,7 +102,7 @@ def _end_all(child: int) -> int:
         for number in ended:
             os.waitpid(number, 0)
         if not ended:
-            break  # another user's: not ours to end
+            break  # processes of another user, which cannot be ended
     return status
 
 

@@ -1,4 +1,4 @@
-"""Does a surface bound a solid? Typed refusals that list the guilty facets."""
+"""Checks that a surface bounds a solid, with typed errors that list the facets; near points."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from palpate.meshes.triangles import (
     points_with_several_fans,
 )
 
-# A fin has at most this part of the area: a larger sheet may be what was meant.
+# A fin has at most this fraction of the area: a larger sheet may be intended.
 LARGEST_FIN = 0.1
 
 
@@ -38,13 +38,13 @@ def require_closed(surface: TriSurface) -> list[Shell]:
     Several shells are allowed: outer walls beside each other, cavities within (facing the
     hollow), bodies within cavities.
 
-    Self-intersection is not looked for here: that takes exact predicates (see the mesher).
+    Self-intersection is not checked here: that needs exact predicates (see the mesher).
 
     Args:
         surface: Any surface with finite points; unused points do no harm.
 
     Returns:
-        Its shells, classed by nesting.
+        Its shells, classified by nesting.
 
     Raises:
         EmptySurfaceError: No facets.
@@ -53,8 +53,8 @@ def require_closed(surface: TriSurface) -> list[Shell]:
         OpenSurfaceError: An edge with one facet.
         FinError: A sheet that hangs on the surface by one edge, where nothing else is open.
         NonManifoldError: An edge with more than two facets, or a point where sheets touch.
-        OrientationError: Neighbours that disagree, or a shell that faces the wrong way for where
-            it lies.
+        OrientationError: Neighbours that disagree, or a shell that faces the wrong way for its
+            nesting.
     """
     if surface.num_facets == 0:
         raise EmptySurfaceError("the surface has no facets; give a closed triangulated surface")
@@ -93,7 +93,7 @@ def _refuse_duplicates(facets: Indices) -> None:
 
 
 def _refuse_degenerate(surface: TriSurface) -> None:
-    """Flat means: twice the area below 4 eps times the longest edge squared."""
+    """Refuse flat facets: twice the area at most 4 eps times the longest edge squared."""
     corners = surface.points[surface.facets]
     edges = corners[:, [1, 2, 0]] - corners
     longest_squared = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
@@ -104,7 +104,7 @@ def _refuse_degenerate(surface: TriSurface) -> None:
 
 
 def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]:
-    """Facets of small sheets that are free at one edge and share another with two facets."""
+    """Facets of small sheets, free at one edge and joined to two others at another; how many."""
     crowd = table.crowd
     patch = parts_by_plain_edges(table)
     touches = np.bincount(patch[table.owner], crowd > 2) > 0
@@ -118,7 +118,7 @@ def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]
 
 
 def _check_edges(surface: TriSurface, table: EdgeUses) -> None:
-    """Every edge has two facets, which run along it in opposite directions."""
+    """Require two facets at every edge, which run along it in opposite directions."""
     uses = table.crowd
     if np.any(uses == 1):
         guilty = uses == 1
@@ -155,7 +155,7 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
     Points keep the order of their first appearance.
     """
     used, compact = np.unique(surface.facets, return_inverse=True)
-    points = surface.points[used] + 0.0  # -0.0 and 0.0 are the same place
+    points = surface.points[used] + 0.0  # -0.0 and 0.0 are equal
     _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
@@ -164,11 +164,11 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
     return TriSurface(points[first[order]], facets)
 
 
-# Of the longest side of the bounding box: some ten roundings of single precision, in which STL
-# files are written (eps 1.2e-7).
+# Near points, as a fraction of the longest side of the bounding box: some ten roundings of single
+# precision, in which STL files are written (eps 1.2e-7).
 NEAR = 1e-6
 
-# More points than this about one of them mean a distance without sense.
+# More points than this within the distance of one of them: the distance is too large.
 _MOST_IN_REACH = 1000
 
 

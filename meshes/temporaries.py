@@ -21,11 +21,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Of scratch folders: palpate-PURPOSE-PROCESS-RANDOM.
+# Names of scratch folders: palpate-PURPOSE-PROCESS-RANDOM.
 _SCRATCH = re.compile(r"palpate-[a-z-]+-(?P<process>\d+)-[0-9a-f]{8}")
 # Of files that are being written.
 _HALF_WRITTEN = re.compile(r"\..+\.palpate-(?P<process>\d+)-[0-9a-f]{8}\.tmp(\.\w+)?")
-# Of what an internal error left for people to read; nobody reads it after this long [s].
+# Names of texts that an internal error left for people to read; removed after this time [s].
 _ERROR_TEXT = re.compile(r"palpate-error-\w+\.txt")
 _ERROR_TEXT_AGE = 7 * 86400.0
 
@@ -47,12 +47,12 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def sweep(folder: Path, pattern: re.Pattern[str], remove: Callable[[Path], None]) -> None:
-    """Remove what dead processes of this user left in a folder; trouble with it is no error.
+    """Remove what dead processes of this user left in a folder; failures are ignored.
 
     Args:
-        folder: Where.
-        pattern: Of the whole name, with the process's number as the group `process`.
-        remove: What to do with each.
+        folder: The folder to look in.
+        pattern: Pattern of the whole name, with the process's number as the group `process`.
+        remove: Removes one of them.
     """
     with contextlib.suppress(OSError):
         for entry in list(os.scandir(folder)):
@@ -72,10 +72,10 @@ def sweep(folder: Path, pattern: re.Pattern[str], remove: Callable[[Path], None]
 
 @contextmanager
 def scratch_folder(purpose: str) -> Iterator[Path]:
-    """Yield an empty folder for one purpose, gone afterwards; those of killed runs go first.
+    """Yield an empty folder that is removed afterwards; removes those of killed runs first.
 
     Args:
-        purpose: A word of small letters and hyphens, part of the name.
+        purpose: Part of the name: small letters and hyphens.
     """
     parent = Path(tempfile.gettempdir())
     sweep_scratch(parent)
@@ -128,19 +128,19 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 def write_text_atomically(path: str | Path, text: str) -> None:
-    """Write UTF-8 text so that `path` holds the old text or the new, never a part."""
+    """Write UTF-8 text so that `path` has the old text or the new one, never a part."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 @functools.cache
 def _sweep_beside(folder: Path) -> None:
-    """Remove what killed runs left here; once in a process."""
+    """Remove what killed runs left in a folder; once in a process."""
     sweep(folder, _HALF_WRITTEN, Path.unlink)
 
 
 def _remove_tree(folder: Path) -> None:
-    """Remove a folder of ours, what a simulator made unwritable included."""
+    """Remove a scratch folder, including what a simulator made unwritable."""
     shutil.rmtree(folder, ignore_errors=True)
     if folder.exists():
         for inside, names, _ in os.walk(folder):

@@ -19,7 +19,7 @@ CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.in
 # Local corners of the six edges of a cell.
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
-# Cells at once: so few numbers stay in the processor's cache.
+# Cells processed at once: few enough for the processor's cache.
 _BLOCK = 4096
 
 
@@ -96,7 +96,7 @@ class TetMesh:
             keep(self, f"{kind[:-1]}_groups", MappingProxyType(groups))
 
     def __reduce__(self) -> tuple[type[TetMesh], tuple[Any, ...]]:
-        # A read-only view of a dict does not travel to other processes; the dict does.
+        # A read-only view of a dict cannot be pickled; the dict can.
         groups = dict(self.facet_groups), dict(self.point_groups), dict(self.cell_groups)
         return TetMesh, (self.points, self.cells, *groups)
 
@@ -118,7 +118,7 @@ class TetMesh:
         a, b, c = (facets[:, k].astype(np.int64) for k in range(3))
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         middle = a + b + c - low - high
-        # One whole number for two of them; for all three where that fits 63 bits.
+        # One whole number for two of the points; for all three where it fits 63 bits.
         pair = middle * self.num_points + high
         if self.num_points < 2**21:
             key = low * self.num_points**2 + pair

@@ -1,7 +1,7 @@
-"""The same problem in another form: turned, mirrored, renumbered, in other units.
+"""The same problem in another form: rotated, mirrored, renumbered, in other units.
 
-Each function gives the changed problem and the map that takes its answer back. A simulator that
-answers the two differently is wrong, whatever the reference says.
+Each function returns the changed problem and the map of its solution back to the original. A
+simulator whose two solutions differ is wrong, independently of any reference.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ def rotation(axis: tuple[float, float, float], angle_deg: float) -> Matrix:
 
 
 def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
-    """Turn everything, mesh, supports, loads and tools; a matrix of determinant -1 mirrors.
+    """Rotate mesh, supports, loads and tools; a matrix of determinant -1 mirrors.
 
-    Where the matrix does not take axes to axes, a support of single components becomes one along
-    a normal for each.
+    Where the matrix does not map axes to axes, a support of single components becomes one support
+    along a normal for each component.
     """
-    # Where axes go to axes, held components go with them.
+    # Where axes map to axes, fixed components map with them.
     axes = np.abs(matrix)
     is_of_axes = bool(np.allclose(axes, np.round(axes), atol=1e-12))
     is_mirror = bool(np.linalg.det(matrix) < 0.0)
@@ -113,7 +113,7 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
 
 
 def _turned_rotation(given: Rotation | None, matrix: Matrix) -> Rotation | None:
-    """A rotation's axis is turned as vectors are, and once more the other way by a mirror."""
+    """The rotation with its axis mapped as an axial vector: a mirror changes its sign as well."""
     if given is None:
         return None
     sign = 1.0 if np.linalg.det(matrix) > 0.0 else -1.0
@@ -159,7 +159,7 @@ def _symmetric(curvature: Floats) -> Floats:
 
 
 def _times(load: Traction, factor: float, per_length: float = 1.0) -> Traction:
-    """A traction times a factor, with lengths in another unit: t0, dt/dX, d2t/dX2."""
+    """A traction times a factor, with lengths in another unit: t0, dt/dX and d2t/dX2."""
     x, y, z = (factor * t for t in load.traction)
     G, C = load.gradient, load.curvature
     return dataclasses.replace(
@@ -209,7 +209,7 @@ def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
 
 
 def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back]:
-    """The same body with lengths in another unit, a metre being `scale` of it; forces stay."""
+    """The same body with lengths in a unit of which a metre is `scale`; forces stay."""
 
     def material(of: Material) -> Material:
         return dataclasses.replace(
@@ -270,7 +270,7 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
 
 
 def scale_loads(problem: Problem, factor: float) -> Problem:
-    """The same body with all its loads multiplied; what is prescribed stays."""
+    """The same body with all its loads multiplied; prescribed displacements stay."""
 
     def load_of(load: Load) -> Load:
         match load:
@@ -288,7 +288,7 @@ def scale_loads(problem: Problem, factor: float) -> Problem:
 
 
 def prescribe(mesh: TetMesh, material: Material, held: Indices, displacement: Points) -> Problem:
-    """A body without loads whose points `held` are moved, each by its own displacement."""
+    """A body without loads whose points `held` have prescribed displacements, each its own."""
     supports = tuple(
         Support(np.array([p], dtype=np.int32), displacement=tuple(displacement[p].tolist()))
         for p in np.asarray(held)
@@ -301,12 +301,12 @@ _ALONG_X = np.diag([-1.0, 1.0, 1.0])
 
 
 def turned_tool(tool: RigidTool, matrix: Matrix) -> RigidTool:
-    """A tool's path and drive turned about the origin; its contact facets stay.
+    """A tool with its path and drive rotated about the origin; its contact facets stay.
 
     Args:
-        tool: Any.
-        matrix: Orthogonal, shape (3, 3); of determinant -1 it mirrors. A mirrored pose is no turn,
-            so that the tool's frame is mirrored along x too: R becomes M R S.
+        tool: Any tool.
+        matrix: Orthogonal, shape (3, 3); of determinant -1 it mirrors. A mirrored pose is no
+            rotation, so the tool's frame is mirrored along x as well: R becomes M R S.
     """
     path, rotations, shape = tool.path, tool.path.rotations, tool.shape
     if np.linalg.det(matrix) < 0.0:
@@ -332,7 +332,7 @@ def turned_tool(tool: RigidTool, matrix: Matrix) -> RigidTool:
 
 
 def scaled_tool(tool: RigidTool, scale: float) -> RigidTool:
-    """A tool with its lengths in another unit, a metre being `scale` of it; forces stay."""
+    """A tool with its lengths in a unit of which a metre is `scale`; forces stay."""
     path = tool.path
     return dataclasses.replace(
         tool,
@@ -384,7 +384,7 @@ def _quaternion(rotation: Matrix) -> Floats:
 
 
 def _product(first: Floats, rows: Floats) -> Floats:
-    """Hamilton's product of one quaternion with many: turn by these, then by that."""
+    """Hamilton's product of one quaternion with many: rotate by `rows`, then by `first`."""
     w, v = first[0], first[1:]
     scalar = w * rows[:, 0] - rows[:, 1:] @ v
     vector = w * rows[:, 1:] + rows[:, :1] * v + np.cross(v, rows[:, 1:])

@@ -1,4 +1,4 @@
-"""TriSurface: a triangulated surface; what keeps one from bounding a solid, as typed errors."""
+"""TriSurface, a triangulated surface, and typed errors of surfaces that bound no solid."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ class TriSurface:
 class SurfaceError(MeshError):
     """A surface that bounds no solid; `.facets` holds the guilty facets.
 
-    `.summary` says what is wrong without their numbers, `.surface` is the one that has these
-    numbers where it is known, `.done` is what a repair had done before, `.hint` what would help.
+    `.summary` is the message without their numbers, `.surface` the surface with these numbers if
+    known, `.done` lists what a repair had done before, `.hint` says what would help.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class SelfIntersectionError(SurfaceError):
 
 
 def _count_loops(edges: Sequence[tuple[int, int]]) -> int:
-    """Loops of a graph: edges less points plus connected parts; two that touch are two."""
+    """Number of loops of a graph, edges less points plus parts; loops that touch count each."""
     parent: dict[int, int] = {}
 
     def root(v: int) -> int:

@@ -48,15 +48,15 @@ def normals_at_points(points: Points, facets: Indices) -> Points:
 
 @dataclass(frozen=True, eq=False)
 class EdgeUses:
-    """Each facet's three directed edges, and which of them run along the same edge.
+    """The three directed edges of each facet, and which of them lie on the same undirected edge.
 
     Row 3 f + k is the edge of facet f from its corner k to its corner k + 1.
 
     Attributes:
-        directed: Points of each, shape (3 num_facets, 2).
-        owner: Facet of each, shape (3 num_facets,).
-        edge: Number of the undirected edge of each, shape (3 num_facets,).
-        counts: Uses of each undirected edge, shape (num_edges,).
+        directed: The two points of each row, shape (3 num_facets, 2).
+        owner: Facet of each row, shape (3 num_facets,).
+        edge: Number of the undirected edge of each row, shape (3 num_facets,).
+        counts: Number of rows of each undirected edge, shape (num_edges,).
         edges: Points of each undirected edge, ascending, shape (num_edges, 2).
     """
 
@@ -129,11 +129,11 @@ def connected_parts(num_items: int, pairs: Integers) -> Integers:
 
 
 def facet_parts(facets: Indices, uses: EdgeUses | None = None) -> Integers:
-    """Part of each facet, where facets that share an edge belong together.
+    """Part of each facet, where facets with a common edge belong together.
 
     Args:
         facets: Shape (num_facets, 3).
-        uses: Their table of edges, where it is at hand.
+        uses: Their table of edges, if known.
     """
     uses = edge_uses(facets) if uses is None else uses
     return connected_parts(len(facets), uses.neighbours)
@@ -149,7 +149,7 @@ def points_with_several_fans(facets: Indices, uses: EdgeUses | None = None) -> I
 
     Args:
         facets: Closed, edge-manifold and consistently oriented, shape (num_facets, 3).
-        uses: Their table of edges, where it is at hand.
+        uses: Their table of edges, if known.
     """
     uses = edge_uses(facets) if uses is None else uses
     # The two uses of an edge, as rows of `directed`.

@@ -1,7 +1,7 @@
-"""Meshes of curved bodies cut finer, with the points of their boundary on the true surface.
+"""Refined meshes of curved bodies, with the points of their boundary on the true surface.
 
-A mesh's own facets are chords: refined by `refine_uniformly` it stays the same polyhedron. Here the
-new points follow the surface that was meant.
+The facets of a mesh are chords: refined by `refine_uniformly` it stays the same polyhedron. Here
+the new points lie on the exact surface.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from palpate.meshes.triangles import facet_normals, normals_at_points
 
 Projection = Callable[[Points], Points]
 Mask = NDArray[np.bool_]
-# Of the size of a body: a facet lies in a plane x, y or z = 0 within it.
+# A facet lies in a plane x, y or z = 0 within this fraction of the size of the body.
 _FLAT = 1e-9
-# Of the length of a facet's normal along z: a mantle's has none, a cap's is all of it.
+# Fraction of a facet's normal along z below which it is of a mantle (0); a cap has 1.
 _UPRIGHT = 0.5
-# Where only cells at the boundary would invert: what is some cells away need not settle.
+# Sweeps of `_followed`: only cells near the boundary would invert, so few sweeps suffice.
 _SWEEPS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class CurvedPart:
-    """Facets of a mesh's boundary, and the place on the true surface for any place near them."""
+    """Facets of a mesh's boundary, and the map of points near them onto the true surface."""
 
     facets: Indices
     project: Projection
 
 
 def spherical_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
-    """Parts of spheres about the origin; facets in a plane x, y or z = 0 are flat.
+    """Spherical parts about the origin; facets in a plane x, y or z = 0 are flat.
 
     Args:
-        mesh: Of a sphere, a thick one, or an eighth of it.
-        radii: Of its spheres [m]; each facet belongs to the nearest.
+        mesh: A sphere, a thick sphere, or an eighth of it.
+        radii: Radii of its spheres [m]; each facet belongs to the nearest.
     """
     corners = mesh.points[mesh.boundary_facets]
     size = float(np.ptp(mesh.points, axis=0).max())
@@ -55,11 +55,11 @@ def spherical_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
 
 
 def upright_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
-    """Mantles about the z axis; caps are flat.
+    """Cylindrical parts about the z axis; caps are flat.
 
     Args:
-        mesh: Of a cylinder or a tube.
-        radii: Of its mantles [m]; each facet belongs to the nearest.
+        mesh: A cylinder or a tube.
+        radii: Radii of its mantles [m]; each facet belongs to the nearest.
     """
     corners = mesh.points[mesh.boundary_facets]
     normals = facet_normals(corners)
@@ -96,7 +96,7 @@ def refine_along(mesh: TetMesh, parts: Sequence[CurvedPart]) -> TetMesh:
     """Cut each cell into eight, and put the points of the curved parts on the true surface.
 
     Args:
-        mesh: Whose points come first and stay where they are, if they are on it.
+        mesh: Its points come first, and do not move if they are on the true surface.
         parts: Its curved parts.
 
     Returns:
@@ -124,7 +124,7 @@ def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
 
     Args:
         mesh: Any.
-        distance: Outwards [m]; below 0 inwards.
+        distance: Outward distance [m]; below 0 inwards.
 
     Raises:
         InputError: A cell would be turned inside out.
@@ -137,13 +137,13 @@ def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
 
 
 def _moved(mesh: TetMesh, points: Points, groups: dict[str, Indices], is_placed: Mask) -> TetMesh:
-    """A mesh with points moved; the others go along only where cells would invert.
+    """A mesh with moved points; the others follow only where cells would invert.
 
     Args:
-        mesh: As it was.
-        points: As they shall be [m], shape (num_points, 3).
-        groups: Of facets.
-        is_placed: Points of the boundary that stay where they are put, shape (num_points,).
+        mesh: The mesh before.
+        points: Wanted positions [m], shape (num_points, 3).
+        groups: Groups of facets of the new mesh.
+        is_placed: Whether a boundary point has its final position, shape (num_points,).
     """
     try:
         return TetMesh(points, mesh.cells, groups, mesh.point_groups)
@@ -160,10 +160,11 @@ def _moved(mesh: TetMesh, points: Points, groups: dict[str, Indices], is_placed:
 
 
 def _followed(mesh: TetMesh, points: Points, is_placed: Mask) -> Points:
-    """Inner points, and those of flat faces, moved by the mean of their neighbours over and over.
+    """Inner points, and points of flat faces, moved repeatedly by the mean of their neighbours.
 
-    The near ones count most, by one over the square of the distance: across a thin wall both sides.
-    Those of a flat face by neighbours in it, so that it stays one; creases between faces stay.
+    Neighbours are weighted by one over the square of the distance, so that a point in a thin wall
+    follows both sides. Points of a flat face follow neighbours in it, so that it stays flat;
+    creases between faces stay.
     """
     moved = points - mesh.points
     facets = mesh.boundary_facets
@@ -186,7 +187,7 @@ def _followed(mesh: TetMesh, points: Points, is_placed: Mask) -> Points:
 
 
 def _are_flat(mesh: TetMesh) -> Mask:
-    """Points of the boundary about which its facets lie in one plane."""
+    """Whether the boundary facets around each point lie in one plane, shape (num_points,)."""
     normals = facet_normals(mesh.points[mesh.boundary_facets])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sums = np.zeros_like(mesh.points)

@@ -35,7 +35,7 @@ DEEPEST = 32
 MOST_TEXT_BYTES = 64 * 1024**2
 # Unpacked arrays whose size is not known beforehand: a motion of a million numbers, 100 times.
 MOST_BYTES = 1024**3
-# Truth values, whole numbers, reals, text.
+# numpy's letters of truth values, whole numbers, reals and text.
 _KINDS = "biufUS"
 _PIECE = 1024**2
 _Header = tuple[tuple[int, ...], bool, np.dtype[Any]]
@@ -58,7 +58,7 @@ _BYTES_PER_CHARACTER = 4
 
 
 class UntrustedTextError(InputError):
-    """Text that is not what it claims to be, or is not to be used; the message says why."""
+    """Text of another format than expected, or that cannot be used; the message says why."""
 
 
 def parse_json(text: str, *, allow_nan: bool = False) -> Any:
@@ -66,10 +66,10 @@ def parse_json(text: str, *, allow_nan: bool = False) -> Any:
 
     Args:
         text: The text.
-        allow_nan: Let the words NaN and Infinity through, which Python writes.
+        allow_nan: Whether NaN and Infinity are allowed, which Python writes.
 
     Raises:
-        UntrustedTextError: Not JSON, nested too deep, or a number that no float holds.
+        UntrustedTextError: Not JSON, nested too deep, or a number beyond the range of a float.
     """
 
     def constant(word: str) -> float:
@@ -86,8 +86,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        UntrustedTextError: Not TOML, or nested too deep. Numbers that no float holds are left to
-            whoever knows line and key.
+        UntrustedTextError: Not TOML, or nested too deep. Numbers beyond the range of a float are
+            left to the caller, who knows line and key.
     """
     tables: dict[str, Any] = _parsed(lambda: tomllib.loads(text), "TOML")
     return tables
@@ -132,7 +132,7 @@ def open_plain(path: str | Path, *, most_bytes: int) -> BufferedReader:
 
 
 def shown_bytes(number: int) -> str:
-    """A size for people: 12 kB, 5.9 GB."""
+    """A size as text: 12 kB, 5.9 GB."""
     for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if number >= size:
             return f"{number / size:.3g} {unit}"
@@ -156,7 +156,7 @@ def _parsed(parse: Callable[[], Any], kind: str) -> Any:
 
 
 def _require_shallow(value: Any, kind: str) -> None:
-    """Level by level, so that depth costs no stack."""
+    """Refuse deep nesting; level by level, so that depth needs no stack."""
     level = [value]
     for _ in range(DEEPEST):
         level = [part for item in level for part in _parts(item)]
@@ -166,7 +166,7 @@ def _require_shallow(value: Any, kind: str) -> None:
 
 
 def _require_floats(value: Any, *, allow_nan: bool) -> None:
-    """1e999 is JSON, and infinite; so is a one with four hundred zeros."""
+    """Refuse numbers beyond a float: 1e999, or a one with four hundred zeros, is valid JSON."""
     is_wrong = isinstance(value, int if allow_nan else int | float) and not is_a_float(value)
     if is_wrong:
         raise UntrustedTextError("not JSON for use here: a number no float can hold")
@@ -181,7 +181,7 @@ def _parts(item: Any) -> list[Any]:
 
 
 def is_a_float(value: float) -> bool:
-    """Whether a number is finite, and a whole one within what a float can hold."""
+    """Whether a number is finite and, if whole, within the range of a float."""
     try:
         return math.isfinite(float(value))
     except OverflowError:
@@ -195,8 +195,8 @@ def read_npz(
 
     Args:
         path: The file.
-        most_bytes: What its arrays may take when unpacked, all together.
-        names: Which arrays to read; the others are left alone. All where None.
+        most_bytes: Most memory of its arrays when unpacked, all together.
+        names: Which arrays to read; None reads all.
 
     Raises:
         FileFormatError: Missing, damaged, or larger than `most_bytes` when unpacked.
@@ -229,7 +229,7 @@ def array_names(path: str | Path) -> list[str]:
 def _require_room(
     path: str | Path, archive: ZipFile, entries: dict[str, ZipInfo], most_bytes: int
 ) -> None:
-    """Judge the headers: the first hundred bytes of each array."""
+    """Check the sizes in the headers, the first hundred bytes of each array."""
     total = 0
     for name, entry in entries.items():
         if entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
@@ -267,8 +267,8 @@ def _array(path: str | Path, archive: ZipFile, entry: ZipInfo) -> NDArray[Any]:
     with archive.open(entry) as stream:
         shape, columns_first, dtype = _header(stream)
         size = math.prod(shape) * dtype.itemsize
-        # Never more than was judged, whatever the zip file says of itself; piece by piece, so
-        # that the data is there once.
+        # Never more than was checked, whatever sizes the zip file states; piece by piece, so that
+        # the data is in memory once.
         data = bytearray(size)
         for start in range(0, size, _PIECE):
             piece = stream.read(min(_PIECE, size - start))
@@ -303,7 +303,7 @@ def unpacked_bytes(path: str | Path, *, most_bytes: int) -> int:
 
 
 class _Sizes:
-    """One file's arrays."""
+    """Sizes of the arrays of one VTU file."""
 
     def __init__(self, path: str | Path, text: bytes, most_bytes: int) -> None:
         self.path, self.most_bytes = path, most_bytes
@@ -323,7 +323,7 @@ class _Sizes:
         self.appended = words[1:] if self.raw is None else ""
 
     def total(self) -> int:
-        """Of all arrays, each judged against the number of points or cells it belongs to."""
+        """Bytes of all arrays, each checked against its number of points or cells."""
         total = 0
         limits = self._limits()
         for array in self.root.iter("DataArray"):
@@ -344,7 +344,7 @@ class _Sizes:
         return total
 
     def _limits(self) -> dict[ElementTree.Element, int]:
-        """What binary arrays by point and by cell may unpack to."""
+        """Bytes that binary arrays by point and by cell may unpack to."""
         limits = {}
         for piece in self.root.iter("Piece"):
             points, cells = int(piece.attrib["NumberOfPoints"]), int(piece.attrib["NumberOfCells"])
@@ -367,7 +367,7 @@ class _Sizes:
         return self._of_data(self.appended[offset:] if self.raw is None else self.raw[offset:])
 
     def _of_data(self, data: str | bytes) -> int:
-        """Of base64 text, or of the bytes themselves."""
+        """Bytes that base64 text, or raw data, unpacks to."""
         width = self.header.itemsize
         first = int(np.frombuffer(_bytes(data, width), self.header)[0])
         if self.compressor is None:
@@ -394,7 +394,7 @@ class _Sizes:
 
 
 def _without_raw_data(text: bytes) -> tuple[ElementTree.Element, bytes]:
-    """Raw appended data is no XML: the tags around it, and the data after its underscore."""
+    """The XML around raw appended data, which is no XML, and the data after its underscore."""
     opening = re.search(rb"<AppendedData[^>]*>", text)
     closing = text.rfind(b"</AppendedData>")
     if opening is None or closing < 0:
@@ -404,12 +404,12 @@ def _without_raw_data(text: bytes) -> tuple[ElementTree.Element, bytes]:
 
 
 def _encoded(length: int) -> int:
-    """Characters of base64 for so many bytes."""
+    """Number of base64 characters for `length` bytes."""
     return -(-length // 3) * 4
 
 
 def _bytes(data: str | bytes, length: int) -> bytes:
-    """The first bytes of base64 text, or of the bytes themselves."""
+    """The first bytes of base64 text, or of raw data."""
     if isinstance(data, bytes):
         return data[:length]
     return base64.b64decode(data[: _encoded(length)])[:length]
@@ -417,9 +417,9 @@ def _bytes(data: str | bytes, length: int) -> bytes:
 
 @contextmanager
 def limited_memory(most_bytes: int) -> Iterator[None]:
-    """Let the process grow by so much at most; what asks for more gets a MemoryError.
+    """Let the process grow by at most `most_bytes`; a larger request is a MemoryError.
 
-    For short calls into readers that reserve whatever a file asks for. Holds for the whole
+    For short calls into readers that reserve whatever a file asks for. Applies to the whole
     process, and on Linux only: elsewhere it does nothing.
     """
     try:

@@ -1,1 +1,1 @@
-"""Surfaces that bound no solid, mended: holes, sheets, shells; by numbers alone, no predicates."""
+"""Repair of surfaces that bound no solid: holes, sheets, shells; without exact predicates."""

@@ -1,4 +1,4 @@
-"""What a repair may do to a surface."""
+"""Limits of what a repair may do to a surface."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RepairChoices:
     Args:
         distance: How far the surface may move where it cuts itself, > 0 [m]; None takes two mean
             edges. Caps and removed parts do not count.
-        largest_hole: Most edges of a hole that is closed, >= 0.
+        largest_hole: Largest number of edges of a hole that is closed, >= 0.
         smallest_shell: Loose parts whose box is shorter than this are dropped, >= 0 [m].
 
     Raises:

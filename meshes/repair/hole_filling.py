@@ -1,4 +1,4 @@
-"""Holes in a surface: their loops, and the triangulation of least area that closes one."""
+"""Holes in a surface: their loops, the triangulation of least area of one, and smooth caps."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from palpate.meshes.triangles import edge_uses, facet_areas, facet_normals
 
 
 def find_hole_loops(facets: Indices) -> list[list[int]]:
-    """Loops of edges that have one facet only, run through as a filling's facets must.
+    """Loops of edges that have one facet only, in the direction of the facets that would fill them.
 
-    Where loops touch at a point they are told apart: a loop ends where it comes back to one of its
-    own points.
+    Loops that touch at a point are separated: a loop ends where it comes back to one of its own
+    points.
 
     Args:
         facets: Consistently oriented, shape (num_facets, 3).
     """
     uses = edge_uses(facets)
-    open_edges = uses.directed[uses.counts[uses.edge] == 1]
+    open_edges = uses.directed[uses.crowd == 1]
     # The facet that is missing runs along the edge the other way.
     follows: dict[int, list[int]] = {}
     for a, b in sorted(open_edges.tolist(), reverse=True):
@@ -57,7 +57,7 @@ def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> I
         points: [m], shape (num_points, 3).
         loop: Points in the order in which the facets run along it.
         taken: Edges (smaller, larger point) of the surface: a chord must not be one of them,
-            for an edge has two facets.
+            since an edge has two facets.
 
     Returns:
         Facets, shape (len(loop) - 2, 3), or None where every triangulation needs such a chord or
@@ -101,11 +101,8 @@ def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> I
     return np.array(facets, dtype=np.int32)
 
 
-# A cap on a loop of points: the triangulation of least area, refined and smoothed.
-#
-# After Liepa 2003, "Filling holes in meshes": facets larger than the edges around them are cut at
-# their centres, edges flipped to Delaunay, and the new points moved to where the cap is smooth.
-
+# Caps after Liepa 2003, "Filling holes in meshes": facets larger than the edges around them are cut
+# at their centres, edges flipped to Delaunay, and the new points moved to where the cap is smooth.
 
 # A centre is a new point where it is further than its wanted length / sqrt(2) from each corner.
 _CENTRE = math.sqrt(2.0)
@@ -120,7 +117,7 @@ def cap_loop(
 ) -> Iterator[tuple[Points, Indices]]:
     """Caps on a loop, the finest first: refined and smooth, refined, and of least area alone.
 
-    Which of them the rest of the surface leaves room for is for the caller to find out.
+    The caller checks which of them crosses nothing of the rest of the surface.
 
     Args:
         points: [m], shape (num_points, 3).
@@ -129,7 +126,7 @@ def cap_loop(
 
     Yields:
         New points [m], shape (num_new, 3), numbered from num_points on, and facets, shape
-        (num_facets, 3). Nothing where no triangulation is without a taken edge or a flat facet.
+        (num_facets, 3). Nothing where every triangulation has a taken edge or a flat facet.
     """
     coarse = fill_loop(points, loop, taken)
     if coarse is None:
@@ -150,7 +147,7 @@ def _refine(
     """Cut facets at their centres where they are larger than the loop's edges near them."""
     place = [tuple(p) for p in points[loop].tolist()]
     local = {v: k for k, v in enumerate(loop)}
-    # A bridged loop goes through a point twice: its last number is kept, the place is the same.
+    # A bridged loop goes through a point twice: the last number counts, the position is the same.
     ring = points[loop]
     sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     wanted = (0.5 * (sides + np.roll(sides, 1))).tolist()
@@ -183,7 +180,7 @@ def _refine(
 def _flip(
     place: list[tuple[float, ...]], facets: Facets, number: list[int], taken: set[tuple[int, int]]
 ) -> Facets:
-    """Flip inner edges to Delaunay where the two facets stay turned as they are."""
+    """Flip inner edges to Delaunay where the two facets keep their orientation."""
     facets = list(facets)
     at = {(f[k], f[(k + 1) % 3]): i for i, f in enumerate(facets) for k in range(3)}
     todo = list(at)
@@ -235,12 +232,12 @@ def _has_turned(before: Points, after: Points, facets: Indices) -> bool:
     return bool(np.any(np.einsum("ij,ij->i", normals(before), normals(after)) <= 0.0))
 
 
-# Loops are paired where there are at most so many: bands are rare, loops of a torn file many.
+# Loops are paired only up to this number: bands are rare, and torn files have many loops.
 _MOST_PAIRED = 200
-# Two loops whose band is larger than their caps by its least width and half its length are left:
-# this part of that, since a band may be narrower in places.
+# Loops are not paired where this fraction of the least width times half the length of their band
+# exceeds their caps' area; below 1, since a band may be narrower in some positions.
 _SURELY = 0.5
-# Pairs of nearest points that a band may be cut open at.
+# Pairs of nearest points at which a band may be cut open.
 _MOST_BRIDGES = 3
 
 
@@ -249,8 +246,8 @@ class ClosedHoles:
     """A surface with caps.
 
     Attributes:
-        points: [m]; new ones follow the given.
-        facets: The given ones first.
+        points: [m]; the given points first, then the new ones.
+        facets: The given facets first, then those of the caps.
         caps: Facets of each cap, by their number here; the cap on the longest loop first.
         filled: Points of each cap's loop; of a band, those of both loops.
         left_open: Points of loops that were left open.
@@ -271,9 +268,9 @@ def close_holes(
     Args:
         points: [m].
         facets: Consistently oriented.
-        largest_hole: Most edges of a loop that is closed.
-        fits: Says whether points and facets cross nothing at the facets marked; where no cap fits
-            the one of least area is taken. None asks nobody.
+        largest_hole: Largest number of edges of a loop that is closed.
+        fits: Whether points and facets have no crossing at the marked facets; where no cap fits,
+            the one of least area is taken. None takes the first cap unchecked.
     """
     loops = sorted(find_hole_loops(facets), key=len, reverse=True)
     made = ClosedHoles(points, facets)
@@ -327,7 +324,7 @@ def _is_manifold(rows: Indices, outline: list[int]) -> bool:
 def _outlines(
     points: Points, loops: list[list[int]], taken: set[tuple[int, int]]
 ) -> list[list[int]]:
-    """Loops, those that face each other joined by a bridge where a band between them is smaller."""
+    """Loops; two that face each other are one, joined by a bridge, where a band has less area."""
     if not 2 <= len(loops) <= _MOST_PAIRED:
         return loops
     areas = [_area(points, fill_loop(points, loop, taken)) for loop in loops]
@@ -349,7 +346,7 @@ def _outlines(
 def _near_pairs(
     points: Points, loops: list[list[int]], areas: list[float]
 ) -> Iterator[tuple[int, int]]:
-    """Loops so near to each other, beside their lengths, that a band may be smaller than caps."""
+    """Pairs of loops so near for their lengths that a band may have less area than two caps."""
     rings = [points[loop] for loop in loops]
     length = [float(np.linalg.norm(np.roll(r, 1, axis=0) - r, axis=1).sum()) for r in rings]
     low = np.array([r.min(axis=0) for r in rings])

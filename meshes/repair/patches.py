@@ -1,4 +1,4 @@
-"""Patches of a surface that are worked on: rings around facets, and what they enclose."""
+"""Patches of a surface: rings around facets, enclosed islands, smoothing, small loose parts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.triangles import connected_parts, edge_uses, facet_parts
 
 Mask = NDArray[np.bool_]
-# What rings enclose is taken in where it has at most this many times the facets of the rings:
-# the tip of a fold, not the rest of an organ.
+# An enclosed part is included if it has at most this many times the facets of the rings: the tip
+# of a fold, not the rest of an organ.
 _MOST_ENCLOSED = 4
 
 
 def grow(facets: Indices, chosen: Mask, rings: int = 1) -> Mask:
-    """Take in the facets that share a point with the chosen ones, ring by ring."""
+    """Add the facets that have a point in common with the chosen ones, ring by ring."""
     for _ in range(rings):
         is_touched = np.zeros(int(facets.max(initial=-1)) + 1, dtype=bool)
         is_touched[facets[chosen]] = True
@@ -24,9 +24,9 @@ def grow(facets: Indices, chosen: Mask, rings: int = 1) -> Mask:
 
 
 def with_enclosed(facets: Indices, chosen: Mask) -> Mask:
-    """Take in the small islands that chosen facets cut off from the rest of their shell.
+    """Add the small islands that chosen facets cut off from the rest of their shell.
 
-    What reaches an open rim is no island: the surface may go on there.
+    A part that reaches an open rim is no island: the surface may continue there.
     """
     uses = edge_uses(facets)
     pairs = uses.neighbours
@@ -50,7 +50,7 @@ def with_enclosed(facets: Indices, chosen: Mask) -> Mask:
 
 
 def inner_points(facets: Indices, chosen: Mask, num_points: int) -> NDArray[np.int64]:
-    """Points of chosen facets alone: those that may move when the patch is replaced."""
+    """Points of chosen facets only: those that may move when the patch is replaced."""
     is_inner = np.zeros(num_points, dtype=bool)
     is_inner[facets[chosen]] = True
     is_inner[facets[~chosen]] = False
@@ -62,15 +62,13 @@ def edges_of(facets: Indices) -> NDArray[np.int64]:
     return edge_uses(facets).edges
 
 
-# Smooth patches: some points of a surface moved so that it bends little, the others held.
-#
+# Smooth patches: some points of a surface are moved so that it bends little, the others are fixed.
 # The membrane (order 1) solves L x = 0 at the free points, the thin plate (order 2) makes
 # sum |L x|^2 least over the free points and their neighbours, L the mean of a point's neighbours
 # less the point (Kobbelt, Campagna, Vorsatz, Seidel 1998, "Interactive multi-resolution modeling on
 # arbitrary meshes"). A membrane stays in the hull of its rim; a plate meets its rim tangentially.
 
-
-# A dense solve up to here; steps of conjugate gradients beyond.
+# Points up to which the solve is dense; beyond, steps of conjugate gradients.
 _MOST_DENSE = 600
 _MOST_STEPS = 2000
 _TOLERANCE = 1e-8
@@ -100,7 +98,7 @@ def fair_points(
     if order == 2:
         near = is_free[edges].any(axis=1)
         is_row[edges[near]] = True
-    # One row for each point whose bend counts: its neighbours' mean less itself.
+    # One row for each point whose bending counts: the mean of its neighbours less the point.
     both = np.vstack([edges, edges[:, ::-1]])
     both = both[is_row[both[:, 0]]]
     valence = np.bincount(both[:, 0], minlength=len(points)).astype(float)
@@ -113,7 +111,7 @@ def fair_points(
     c = np.concatenate([both[:, 1], rows])
     w = np.concatenate([1.0 / valence[both[:, 0]], -np.ones(len(rows))])
     is_known = ~is_free[c]
-    # About a local origin, where no digits are lost.
+    # About a local origin, so that no digits are lost.
     origin = points[free].mean(axis=0)
     local = points - origin
     right = np.zeros((len(rows), 3))
@@ -159,7 +157,7 @@ def _least_squares(
     return x
 
 
-# Of the longest side of the surface's largest part: what is smaller is told to the user.
+# Parts below this fraction of the longest side of the largest part are reported to the user.
 SMALL = 0.05
 
 

@@ -1,7 +1,7 @@
-"""Seams that do not quite meet: points of rims welded, edges cut at points that lie on them.
+"""Seams that do not quite meet: rim points merged, edges cut at points on them, edges flipped.
 
 Bodies made of patches, and files of unconnected facets, have rims that run along each other with
-other points, or with the same ones a little apart.
+different points, or with the same points a little apart.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.surface_checks import NEAR, find_near_duplicates
 from palpate.meshes.triangles import Integers, edge_uses, facet_normals, side_lengths
 
-# Points on rims are one where they are this near to each other, of the shortest edge at either.
+# Points on rims within this fraction of the shortest edge at either of them are merged.
 _WELD = 0.01
 _MOST_PASSES = 10
 
 
 def rim_pairs(points: Points, facets: Indices) -> Integers:
-    """Points on open edges that are so near to each other that they must be one.
+    """Points on open edges that are so near to each other that they must be the same.
 
     Args:
         points: [m].
-        facets: Of which none has a point twice.
+        facets: Facets without a repeated point.
 
     Returns:
         Pairs, shape (num_pairs, 2).
@@ -38,7 +38,7 @@ def rim_pairs(points: Points, facets: Indices) -> Integers:
     shortest = np.full(len(points), np.inf)
     for end in range(2):
         np.minimum.at(shortest, uses.edges[:, end], lengths)
-    # Far more points than so many in one place are no seam.
+    # `find_near_duplicates` refuses far more points within this reach than a seam has.
     reach = _WELD * float(np.median(shortest[rim]))
     pairs = rim[find_near_duplicates(points[rim], reach)]
     apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
@@ -53,11 +53,11 @@ def cut_at_hanging_points(
 
     Args:
         points: [m].
-        facets: Of which none has a point twice.
+        facets: Facets without a repeated point.
         near: How far such a point may be from the edge [m]; None takes 1e-6 of the box.
 
     Returns:
-        Facets; of each its number before; and how many edges were cut.
+        Facets; the number of each before; and how many edges were cut.
     """
     reach = NEAR * float(np.ptp(points, axis=0).max()) if near is None else near
     kept, count = np.arange(len(facets)), 0
@@ -89,7 +89,7 @@ def cut_at_hanging_points(
 
 
 def _points_within(points: Points, edges: NDArray[np.int64], reach: float) -> list[list[int]]:
-    """Of each edge the points of other edges on it, from its start to its end."""
+    """For each edge the points of other edges on it, in order from its start to its end."""
     rim = np.unique(edges)
     rim = rim[np.argsort(points[rim, 0], kind="stable")]
     x = points[rim, 0]
@@ -110,12 +110,12 @@ def _points_within(points: Points, edges: NDArray[np.int64], reach: float) -> li
     return found
 
 
-# Height over the longest edge below which a facet is flat: some roundings of single precision.
+# A facet is flat below this height over its longest edge: some roundings of single precision.
 _FLAT = 1e-6
 
 
 def flip_flat_facets(points: Points, facets: Indices) -> tuple[Indices, int]:
-    """Flip the longest edge of each flat facet, where its neighbour across is not flat as well.
+    """Flip the longest edge of each flat facet unless its neighbour there is flat as well.
 
     Args:
         points: [m].

@@ -1,4 +1,4 @@
-"""Sheets that meet where a surface must not: fins cut off, bodies that touch taken apart."""
+"""Sheets that meet where a surface must not: fins, double walls, bodies that touch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.meshes.triangles import (
     side_lengths,
 )
 
-# How far copies of a point are moved from where sheets touched, of the shortest edge there.
+# How far the copies of a point where sheets touched are moved, over the shortest edge there.
 _GAP = 0.05
 # A closed shell has four facets at least.
 _FEWEST_FACETS = 4
@@ -28,12 +28,12 @@ Fits = Callable[[Points, Indices, NDArray[np.bool_]], bool]
 
 
 def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Facets of sheets that bound no solid: free at one edge, held at another, or walls within.
+    """Facets of sheets that bound no solid: free at one edge, joined at another, or inner walls.
 
     Args:
         points: [m].
         facets: Each once, shape (num_facets, 3).
-        is_wall: Facets that were given twice, facing both ways: a solid on either side.
+        is_wall: Facets that were given twice, facing both ways: with a solid on either side.
 
     Returns:
         Whether each facet is part of a fin or wall, or of a loose part too small to close.
@@ -72,12 +72,12 @@ def split_touching(
 
     Args:
         points: [m].
-        facets: Oriented alike within what hangs together by edges with two facets.
-        fits: Says whether points and facets cross nothing at the facets marked; None asks nobody.
+        facets: Consistently oriented within each part connected by edges with two facets.
+        fits: Whether points and facets have no crossing at the marked facets; None checks nothing.
 
     Returns:
-        Points, of which copies are appended; facets; how many points were split; and the largest
-        movement [m]. Where wedges cannot be told, all stays as it is.
+        Points, with the copies appended; facets; how many points were split; and the largest
+        movement [m]. Nothing changes where the wedges cannot be determined.
     """
     joined = _joined_corners(points, facets)
     if joined is None:
@@ -85,7 +85,7 @@ def split_touching(
     fan = connected_parts(3 * len(facets), joined)
     corner = facets.reshape(-1).astype(np.int64)
     pair = np.unique(np.column_stack([corner, fan]), axis=0)
-    # A fan that ends at a rim stays: its hole is closed later.
+    # A fan that ends at a rim stays: the hole is closed later.
     uses = edge_uses(facets)
     rim = uses.directed[uses.crowd == 1]
     several = np.flatnonzero(np.bincount(pair[:, 0], minlength=len(points)) > 1)
@@ -158,7 +158,7 @@ def _wedges(
     x = across[0] / np.linalg.norm(across[0])
     angle = np.arctan2(across @ np.cross(axis, x), across @ x)
     order = np.argsort(angle, kind="stable")
-    # A facet that runs from a to b has the solid before it, one from b to a behind it.
+    # By angle, a facet that runs from a to b has the solid before it, one from b to a behind it.
     is_forward = (directed[sides, 0] == a)[order]
     if len(sides) % 2 or np.any(is_forward == np.roll(is_forward, 1)):
         return None
@@ -179,21 +179,22 @@ def _normals_and_edges(
     return total[chosen] / np.where(size > 0.0, size, 1.0), shortest[chosen]
 
 
-# Of two sheets on one rim: volume between over area to the power 3/2, difference of their areas.
+# Two sheets on one rim coincide below this volume between them over area^(3/2), and below this
+# relative difference of their areas and moments.
 _FLAT = 1e-6
 
 
 def double_walls(points: Points, facets: Indices) -> NDArray[np.bool_]:
-    """Facets of two sheets in one place: both where they face each other, one where alike.
+    """Facets to remove of two coinciding sheets: both that face each other, one that face alike.
 
-    Two bodies that touch along a whole face have it twice, cut into other facets.
+    Two bodies that touch along a whole face have it twice, cut into different facets.
 
     Args:
         points: [m].
         facets: Each once, shape (num_facets, 3).
 
     Returns:
-        Whether each facet goes.
+        Whether each facet is removed.
     """
     gone = np.zeros(len(facets), dtype=bool)
     uses = edge_uses(facets)
@@ -243,9 +244,9 @@ def _rows_by_patch(patch: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def _is_flat(points: Points, one: Indices, other: Indices, faces: bool) -> bool:
-    """Whether two sheets on one rim enclose nothing and lie in the same place.
+    """Whether two sheets on one rim enclose nothing and coincide.
 
-    That is told by their areas, their centres and how they spread about these.
+    Judged by their areas and the first and second moments of these.
     """
     origin = points[one].reshape(-1, 3).mean(axis=0)
     (area, volume, first, second), (other_area, other_volume, other_first, other_second) = (

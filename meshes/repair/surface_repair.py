@@ -1,4 +1,4 @@
-"""Repairs of a surface that are safe, each of them reported: nothing is dropped in silence."""
+"""Safe repairs of a surface; every change is reported."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from palpate.meshes.triangles import connected_parts, edge_uses
 
 @dataclass
 class RepairReport:
-    """What was done; all zero or empty where there was nothing to do.
+    """What a repair has done; all zero or empty where there was nothing to do.
 
     Attributes:
         merged_points: Points merged into a near one.
         cut_edges: Open edges cut at points of other open edges that lie on them.
-        dropped_facets: Facets, by their number before, that the merging made flat, or copies.
+        dropped_facets: Facets, by their number before, that merging made flat, or copies.
         fin_facets: Facets, by their number before, of fins, of walls between bodies that
             touch, and of parts too small to close.
         loose_facets: Facets, by their number before, of parts dropped by choice.
         flipped_edges: Edges across facets without area, flipped.
         split_points: Points at which sheets touched, each now a point of its own for each sheet.
-        gap: How far those were moved at most [m].
+        gap: Largest movement of the split points [m].
         turned_facets: Facets, by their number before, whose orientation was changed.
         filled_holes: Points of the loops that were closed, numbered as after.
-        caps: Facets of what closes them, numbered as after, in the same order.
+        caps: Facets of the caps that close them, numbered as after, in the same order.
         open_holes: Points of the loops that were left open, numbered as after.
-        small_parts: Longest sides of the boxes of parts that are small and were kept [m].
+        small_parts: Longest sides of the boxes of small parts that remain [m].
         unused_points: Points, by their number before, that no facet used.
     """
 
@@ -63,7 +63,7 @@ class RepairReport:
     unused_points: list[int] = field(default_factory=list)
 
     def lines(self) -> list[str]:
-        """One line for each kind of change, for people."""
+        """One line of text for each kind of change."""
         holes = sum(map(len, self.caps))
         edges = [len(loop) for loop in self.filled_holes]
         said = (
@@ -115,23 +115,23 @@ def repair_surface(
     smallest_shell: float = 0.0,
     fits: Fits | None = None,
 ) -> tuple[TriSurface, RepairReport]:
-    """Merge points, join seams, cut fins, part sheets, turn facets, close holes; say what was done.
+    """Merge points, join seams, cut fins, separate sheets, turn facets, close holes, and report it.
 
-    Whether the result bounds a solid is for `require_closed` to say. Parts are dropped by choice
-    alone; self-intersections are mended by `palpate.fastsim.mending`.
+    Whether the result bounds a solid is checked by `require_closed`. Parts are dropped only by
+    choice; self-intersections are repaired by `palpate.fastsim.mending`.
 
     Args:
         surface: Any surface.
         near: Points within this distance are merged [m]; None takes 1e-6 of the longest side of
             the bounding box. Along open edges it is a hundredth of the shortest edge as well.
-        largest_hole: Most edges of a hole that is closed.
+        largest_hole: Largest number of edges of a hole that is closed.
         smallest_shell: Loose parts whose box is shorter than this are dropped [m].
-        fits: Says whether points and facets cross nothing at the facets marked; caps and gaps
-            are chosen by it. None asks nobody.
+        fits: Whether points and facets have no crossing at the marked facets; chooses caps and
+            gaps. None takes the first of them unchecked.
 
     Raises:
         DegenerateFacetError: Merging within `near` would make a whole part flat.
-        NonManifoldError: More than two facets at an edge; which belong together is not known.
+        NonManifoldError: More than two facets at an edge, and no rule says which belong together.
         OrientationError: A one-sided part (a Moebius band) has no outside.
     """
     report = RepairReport()
@@ -188,7 +188,7 @@ def _merge_points(
 ) -> tuple[Indices, NDArray[np.int64], NDArray[np.bool_]]:
     """Facets on merged points without flat ones and copies, their numbers before, and walls.
 
-    A wall is a facet that was given facing both ways.
+    A wall is a facet that is given twice, facing both ways.
     """
     pairs = find_near_duplicates(surface.points, near)
     target = connected_parts(len(surface.points), pairs)
@@ -222,7 +222,7 @@ def _merge_points(
 def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
     """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
     uses = edge_uses(facets)
-    # Across an edge with more than two, which belong together is not known yet.
+    # Across an edge with more than two facets it is not known yet which belong together.
     first, second = uses.plain_pairs.T
     disagree = uses.directed[first, 0] == uses.directed[second, 0]
     beside: list[list[tuple[int, bool]]] = [[] for _ in facets]
@@ -257,7 +257,7 @@ def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
 
 
 def _orient_shells(surface: TriSurface) -> tuple[Indices, NDArray[np.bool_]]:
-    """Turn closed shells to face as their nesting asks; open parts stay."""
+    """Turn closed shells to face as their nesting requires; open parts stay."""
     facets = surface.facets.copy()
     is_turned = np.zeros(len(facets), dtype=bool)
     if np.any(edge_uses(facets).counts != 2):
