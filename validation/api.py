@@ -285,10 +285,10 @@ def compare(
     >>> palpate.compare("block", 1.02 * answer.displacement).verdict
     <Verdict.FAILED: 'failed'>
     """
-    from palpate.validation.candidates.candidate import answer_candidate
+    from palpate.validation.candidates.candidate import solution_candidate
     from palpate.validation.judging.judge import judge_case
 
-    candidate = answer_candidate(answer)
+    candidate = solution_candidate(answer)
     return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
 
 
@@ -323,13 +323,13 @@ def audit(
     >>> found.relative_residual_norm < 1e-8, found.smallest_det_f > 0.0
     (True, True)
     """
-    from palpate.validation.candidates.candidate import answer_candidate
+    from palpate.validation.candidates.candidate import solution_candidate
 
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: use 1, 2 or 3")
     loaded = _case(case)
     used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
-    candidate = answer_candidate(answer)
+    candidate = solution_candidate(answer)
     _, found = audit_result(loaded, candidate, strain=used, degree=degree, progress=progress)
     return found
 

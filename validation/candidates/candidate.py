@@ -29,7 +29,7 @@ from palpate.validation.exchange.result_files import (
     ResultFile,
     ResultFileError,
     read_result,
-    room_for_answer,
+    room_for_result,
 )
 from palpate.validation.quoting import visible
 from palpate.validation.states import (
@@ -228,7 +228,7 @@ def result_candidate(path: str | Path, element: Element | None = None) -> Candid
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")
-        result = read_result(path, most_bytes=room_for_answer(problem))
+        result = read_result(path, most_bytes=room_for_result(problem))
         if element is not None:
             result = dataclasses.replace(result, about={"element": element.value, **result.about})
         return state_of_result(result, problem, name, strain)
@@ -253,22 +253,22 @@ def function_candidate(function: Function) -> Candidate:
     return Candidate(name, solve)
 
 
-def answer_candidate(answer: str | Path | State | ArrayLike) -> Candidate:
+def solution_candidate(solution: str | Path | State | ArrayLike) -> Candidate:
     """A solution as a candidate: a result file, a state, or displacements in memory."""
-    if isinstance(answer, str | Path):
-        return result_candidate(answer)
-    if isinstance(answer, State):
+    if isinstance(solution, str | Path):
+        return result_candidate(solution)
+    if isinstance(solution, State):
         # Its own label would be taken for the reference's.
-        name = candidate_name(answer.label)
+        name = candidate_name(solution.label)
         given: ArrayLike = (
-            answer.displacement if answer.trajectory is None else answer.displacements
+            solution.displacement if solution.trajectory is None else solution.displacements
         )
     else:
-        name, given = "answer", answer
+        name, given = "answer", solution
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name} is looked at")
-        return _state(given, problem, name, strain, like=answer)
+        return _state(given, problem, name, strain, like=solution)
 
     return Candidate(name, solve, can_be_asked=False)
 

@@ -26,7 +26,7 @@ from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.result_files import (
     ResultFile,
     read_result,
-    room_for_answer,
+    room_for_result,
 )
 from palpate.validation.quoting import in_quotes
 from palpate.validation.states import CandidateFailedError, Progress
@@ -151,7 +151,7 @@ class OutsideSimulator:
             seconds = time.perf_counter() - start
             if not file.is_file():
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
-            return read_result(file, most_bytes=room_for_answer(problem)), seconds
+            return read_result(file, most_bytes=room_for_result(problem)), seconds
 
     def _filled(self, case: Path, scratch: Path, problem: Problem) -> tuple[list[str], Path]:
         suffix = next(m[2] or "npz" for m in _FIELD.finditer(self.command) if m[1] == "result")

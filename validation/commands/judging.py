@@ -301,7 +301,7 @@ def compare(
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.validation.candidates.candidate import result_candidate
     from palpate.validation.case import load_case
-    from palpate.validation.exchange.result_files import read_result, room_for_answer
+    from palpate.validation.exchange.result_files import read_result, room_for_result
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
@@ -309,7 +309,7 @@ def compare(
     loaded = load_case(case)
     require_outputs({"--json": json}, inputs=input_files([loaded], result))
     # A file that cannot be read is refused before anything is solved.
-    read_result(result, most_bytes=room_for_answer(loaded.problem))
+    read_result(result, most_bytes=room_for_result(loaded.problem))
     judged = judge_case(
         loaded,
         live=live,

@@ -84,7 +84,7 @@ class ResultFile:
     about: dict[str, Any] = field(default_factory=dict)
 
 
-def room_for_answer(problem: Problem) -> int:
+def room_for_result(problem: Problem) -> int:
     """What a result of a case may take when unpacked, in bytes: many times what its own would."""
     states = 1 if problem.time is None else problem.time.num_outputs + 1
     own = problem.mesh.points.nbytes * states
@@ -96,7 +96,7 @@ def read_result(path: str | Path, *, most_bytes: int = _ALWAYS_ALLOWED) -> Resul
 
     Args:
         path: .npz, .vtu or .csv.
-        most_bytes: What its arrays may take when unpacked; see `room_for_answer`.
+        most_bytes: What its arrays may take when unpacked; see `room_for_result`.
 
     Raises:
         ResultFileError: Missing, damaged, of another kind, too large, without displacement or

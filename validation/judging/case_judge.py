@@ -114,8 +114,8 @@ class CaseJudge:
         if spec.against != "candidate" and reference and is_still(self.problem.mesh, reference):
             return True
         basis = reference or self._any_reference(strain)
-        answer = null_answer(self.problem, strain, basis)
-        return self.check(spec, answer).verdict is Verdict.PASSED
+        solution = null_result(self.problem, strain, basis)
+        return self.check(spec, solution).verdict is Verdict.PASSED
 
     def unseen(self) -> tuple[str, ...]:
         """Plainly wrong results that no check of the case turns red, by name."""
@@ -124,9 +124,9 @@ class CaseJudge:
             return ()
         specs = [spec for spec in self.checks if self.strain_of(spec) is self.case.strain]
         return tuple(
-            answer.label
-            for answer in wrong_answers(self.problem, reference)
-            if not any(self.check(spec, answer).verdict is Verdict.FAILED for spec in specs)
+            solution.label
+            for solution in wrong_results(self.problem, reference)
+            if not any(self.check(spec, solution).verdict is Verdict.FAILED for spec in specs)
         )
 
     def _reference(self, spec: CheckSpec) -> State | None:
@@ -136,9 +136,9 @@ class CaseJudge:
         if not spec.about.is_of_integrals:
             return self.references.truth(strain)
         truth = self.references.stress_truth(strain)
-        is_told = truth and (spec.about.read is None or self._number(spec, truth))
+        is_known = truth and (spec.about.read is None or self._number(spec, truth))
         name = name_of_bar(spec, self.problem, self.case.spec.units)
-        return truth if is_told and self.references.was_asked(strain, name) else None
+        return truth if is_known and self.references.was_asked(strain, name) else None
 
     def _number(self, spec: CheckSpec, state: State) -> Number | None:
         return number_of(spec, self.problem, state, self.case.spec.units)
@@ -190,7 +190,7 @@ class CaseJudge:
         return self.references.same_mesh(strain) or self.references.truth(strain)
 
 
-def null_answer(problem: Problem, strain: Strain, reference: State | None) -> State:
+def null_result(problem: Problem, strain: Strain, reference: State | None) -> State:
     """The result of a simulator that does nothing, at the reference's times, with no force."""
     still = np.zeros_like(problem.mesh.points)
     motion = None if reference is None else reference.trajectory
@@ -211,9 +211,9 @@ def null_answer(problem: Problem, strain: Strain, reference: State | None) -> St
     )
 
 
-def wrong_answers(problem: Problem, reference: State) -> Iterator[State]:
+def wrong_results(problem: Problem, reference: State) -> Iterator[State]:
     """Results made from the right one by a plain mistake; each is labelled with it."""
-    yield null_answer(problem, reference.strain, reference)
+    yield null_result(problem, reference.strain, reference)
     yield _from(problem, reference, "turned round", lambda u: -u)
     yield _from(problem, reference, "twice as large", lambda u: 2.0 * u)
     yield _from(problem, reference, "axes exchanged", lambda u: u[..., [1, 2, 0]])

@@ -149,7 +149,7 @@ def are_the_cases(problem: Problem, steps: Steps | None) -> bool:
 
 def with_own_steps(
     problem: Problem,
-    answers: Mapping[Strain, State],
+    solutions: Mapping[Strain, State],
     references: ReferenceSet,
     progress: Progress,
 ) -> ReferenceSet:
@@ -157,24 +157,25 @@ def with_own_steps(
 
     Args:
         problem: The case's.
-        answers: The candidate's results, all of one element.
+        solutions: The candidate's results, all of one element.
         references: For that element; returned unchanged where no result states steps of its own.
         progress: Called with one line for each run.
     """
-    for strain, answer in answers.items():
-        if answer.steps is None or are_the_cases(problem, answer.steps):
+    for strain, solution in solutions.items():
+        if solution.steps is None or are_the_cases(problem, solution.steps):
             continue
         from palpate.validation.references.runs import solve_by_steps
 
         note = (
-            f"Same mesh, {strain} strain: the reference solved here by {answer.steps}, as "
-            f"{answer.label} states it."
+            f"Same mesh, {strain} strain: the reference solved here by {solution.steps}, as "
+            f"{solution.label} states it."
         )
         state, failure = None, ""
         try:
-            state = solve_by_steps(problem, strain, answer.steps, progress, element=answer.element)
+            element = solution.element
+            state = solve_by_steps(problem, strain, solution.steps, progress, element=element)
         except (ReferenceFailedError, InputError) as error:
-            failure = f"the same mesh by {answer.steps}: {error}"
+            failure = f"the same mesh by {solution.steps}: {error}"
         references = references.with_same_mesh(strain, state, note, failure)
     return references
 

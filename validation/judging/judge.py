@@ -136,19 +136,19 @@ def _judge_one(
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
     strains = judged.strains_of(case.strain)
-    for strain, answer in _answers(judged, problem, strains, progress).items():
-        if isinstance(answer, CandidateFailedError):
-            failures[strain] = case.spec.units.in_case_units(str(answer))
+    for strain, solution in _solutions(judged, problem, strains, progress).items():
+        if isinstance(solution, CandidateFailedError):
+            failures[strain] = case.spec.units.in_case_units(str(solution))
             continue
-        notes.extend(answer.remarks)
-        unmeasurable = unmeasurable_state(answer)
-        impossible = unmeasurable or state_out_of_reach(problem, answer)
+        notes.extend(solution.remarks)
+        unmeasurable = unmeasurable_state(solution)
+        impossible = unmeasurable or state_out_of_reach(problem, solution)
         if impossible:
             failures[strain] = impossible
         if not unmeasurable:
-            candidates[strain] = answer
-        said.update(answer.says)
-        element = answer.element
+            candidates[strain] = solution
+        said.update(solution.says)
+        element = solution.element
     references = with_own_steps(problem, candidates, references.of_element(element), progress)
     notes.extend(note for note in references.remarks if note not in notes)
     notes.extend(_notes_on_damping(problem, candidates))
@@ -173,7 +173,7 @@ def _judge_one(
         )
     failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
     # Mistakes are looked for with the case's own steps.
-    failed -= {s for s, answer in candidates.items() if not are_the_cases(problem, answer.steps)}
+    failed -= {s for s, each in candidates.items() if not are_the_cases(problem, each.steps)}
     found = []
     for strain in (s for s in candidates if diagnoses and s in failed):
         progress(f"diagnosis, {strain} strain")
@@ -202,52 +202,52 @@ def _judge_one(
     )
 
 
-def _answers(
+def _solutions(
     judged: Candidate, problem: Problem, strains: Sequence[Strain], progress: Progress
 ) -> dict[Strain, State | CandidateFailedError]:
     """With each strain measure; motions side by side where the candidate can."""
 
-    def answer(strain: Strain) -> State | CandidateFailedError:
+    def solution(strain: Strain) -> State | CandidateFailedError:
         try:
             return judged.solve(problem, strain, progress)
         except CandidateFailedError as error:
             return error
 
     if problem.time is None or not judged.steps_without_lock:
-        return {strain: answer(strain) for strain in strains}
+        return {strain: solution(strain) for strain in strains}
     with ThreadPoolExecutor(len(strains)) as pool:
-        return dict(zip(strains, pool.map(answer, strains), strict=True))
+        return dict(zip(strains, pool.map(solution, strains), strict=True))
 
 
-def _notes_on_damping(problem: Problem, answers: dict[Strain, State]) -> list[str]:
+def _notes_on_damping(problem: Problem, solutions: dict[Strain, State]) -> list[str]:
     """A sentence on the numerical damping of each result that states its steps and swings."""
     notes = []
-    for strain, answer in answers.items():
-        if answer.steps is None:
+    for strain, solution in solutions.items():
+        if solution.steps is None:
             continue
         from palpate.validation.metrics.motion import measure_numerical_damping
 
         try:
-            found = measure_numerical_damping(problem, answer)
+            found = measure_numerical_damping(problem, solution)
         except InputError:  # nothing swings long enough: nothing is measured
             continue
-        notes.append(f"{answer.label}, {strain} strain: {found}.")
+        notes.append(f"{solution.label}, {strain} strain: {found}.")
     return notes
 
 
-def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnosis:
+def _diagnosed(judge: CaseJudge, candidate: Candidate, solution: State) -> Diagnosis:
     """What would explain a result; a quick candidate is run again for it too."""
     from palpate.validation.diagnosis import diagnose
 
     def ask(problem: Problem) -> Points:
-        return candidate.solve(problem, answer.strain, in_silence).displacement
+        return candidate.solve(problem, solution.strain, in_silence).displacement
 
-    may_ask = candidate.can_be_asked and answer.seconds < _QUICK
-    (other,) = (strain for strain in Strain if strain is not answer.strain)
+    may_ask = candidate.can_be_asked and solution.seconds < _QUICK
+    (other,) = (strain for strain in Strain if strain is not solution.strain)
     return diagnose(
         judge.problem,
-        answer,
-        judge.references.same_mesh(answer.strain),
+        solution,
+        judge.references.same_mesh(solution.strain),
         other_strain=judge.references.same_mesh(other),
         ask=ask if may_ask else None,
         length_unit=judge.case.spec.units.length,
@@ -258,7 +258,7 @@ def _judged(
     judge: CaseJudge,
     spec: CheckSpec,
     candidate: Candidate,
-    answer: State | None,
+    solution: State | None,
     failures: dict[Strain, str],
 ) -> CheckResult:
     """One check of a candidate, or why it is left out, and whether it says anything."""
@@ -268,7 +268,7 @@ def _judged(
         why = f"{candidate.name} is asked for {asked} strain only"
         return unjudged_check(spec, strain, Verdict.SKIPPED, why)
     has_failed = strain in failures
-    found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))
+    found = judge.check(spec, None if has_failed else solution, failures.get(strain, ""))
     if not judge.is_vacuous(spec):
         return found
     has_remark = found.verdict is Verdict.PASSED and not spec.is_of_truth_alone

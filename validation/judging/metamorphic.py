@@ -126,17 +126,17 @@ def _judge(relation: _Relation, strain: Strain, element: Element) -> CheckResult
 def _relations(
     problem: Problem, strain: Strain, candidate: Candidate, progress: Progress
 ) -> Iterator[_Relation]:
-    def answer(given: Problem) -> Points:
+    def moved(given: Problem) -> Points:
         return candidate.solve(given, strain, in_silence).displacement
 
     progress("the problem as it stands")
-    own = answer(problem)
+    own = moved(problem)
     # A body that does not move at all has no scale: then nothing may move in another form.
     scale = float(np.abs(own).max()) or 1.0
 
     def unchanged(changed: tuple[Problem, transforms.Back]) -> Callable[[], float]:
         given, back = changed
-        return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
+        return lambda: float(np.abs(back(moved(given)) - own).max() / scale)
 
     # At other angles single components become slanted normals, which few simulators know.
     is_general = all(all(support.components) for support in problem.supports)
@@ -151,7 +151,7 @@ def _relations(
     ):
         yield _Relation(name, _REASON, unchanged(changed))
 
-    yield _rigid_turn(problem, strain, answer)
+    yield _rigid_turn(problem, strain, moved)
     for name, mesh in zip(_PATCHES, (_box(False), _box(True)), strict=True):
         affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
         outer = np.unique(mesh.boundary_facets)
@@ -159,11 +159,11 @@ def _relations(
         yield _Relation(
             name,
             "an affine motion of the boundary is one of the inside, on any mesh",
-            _distance(answer, given, affine),
+            _distance(moved, given, affine),
         )
 
 
-def _rigid_turn(problem: Problem, strain: Strain, answer: Callable[[Problem], Points]) -> _Relation:
+def _rigid_turn(problem: Problem, strain: Strain, moved: Callable[[Problem], Points]) -> _Relation:
     is_linear = strain is Strain.LINEAR
     if is_linear:
         # One face of a box: of a body that is fixed all round, linear strain turns the inside too.
@@ -180,15 +180,15 @@ def _rigid_turn(problem: Problem, strain: Strain, answer: Callable[[Problem], Po
     return _Relation(
         "rigid turn",
         f"{what}, which linear strain cannot: it must break this" if is_linear else what,
-        _distance(answer, given, turned),
+        _distance(moved, given, turned),
         must_be_broken=is_linear,
     )
 
 
 def _distance(
-    answer: Callable[[Problem], Points], given: Problem, expected: Points
+    moved: Callable[[Problem], Points], given: Problem, expected: Points
 ) -> Callable[[], float]:
-    return lambda: float(np.abs(answer(given) - expected).max() / np.abs(expected).max())
+    return lambda: float(np.abs(moved(given) - expected).max() / np.abs(expected).max())
 
 
 def _box(is_swapped: bool) -> TetMesh:

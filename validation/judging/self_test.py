@@ -303,9 +303,9 @@ def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
 def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[MetricRow]:
     references = find_references(case, live=False, progress=in_silence)
     judge = CaseJudge(case, references.of_element(candidate.element))
-    answers = {
+    solutions = {
         strain: {
-            fault: _answer(case, candidate, fault, strain)
+            fault: _solution(case, candidate, fault, strain)
             for fault in Fault
             if fault is not Fault.NAN
         }
@@ -313,15 +313,15 @@ def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -
     }
     rows = []
     for spec in specs:
-        of_fault = answers[spec.strain or case.strain]
+        of_fault = solutions[spec.strain or case.strain]
         try:
             judge.check(spec, of_fault[Fault.NONE][0])
         except InputError:
             continue  # the reference itself does not swing there
         verdicts = {
-            fault: judge.check(spec, answer, failure).verdict
-            for fault, (answer, failure) in of_fault.items()
-            if answer is not None or failure
+            fault: judge.check(spec, solution, failure).verdict
+            for fault, (solution, failure) in of_fault.items()
+            if solution is not None or failure
         }
         tried = [fault for fault in verdicts if fault not in _NOT_TELLING]
         seen = tuple(fault for fault in tried if verdicts[fault] is Verdict.FAILED)
@@ -330,7 +330,7 @@ def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -
     return rows
 
 
-def _answer(
+def _solution(
     case: Case, candidate: Candidate, fault: Fault, strain: Strain
 ) -> tuple[State | None, str]:
     """The corrupted result; nothing where the fault cannot show, or its result is refused."""

@@ -84,25 +84,25 @@ def judge_versus(
     names = (candidate.name, other.name)
     if candidate.name == other.name:
         names = (f"{candidate.name} (first)", f"{other.name} (second)")
-    answers: list[State] = []
+    solutions: list[State] = []
     failures: list[str] = []
     notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
     for who, name in zip((candidate, other), names, strict=True):
         notes.extend(who.notes)
-        answer, failure = _answer(who, problem, strain, progress)
+        solution, failure = _solution(who, problem, strain, progress)
         if failure:
             failures.append(f"{name}: {case.spec.units.in_case_units(failure)}")
-        if answer is not None:
-            answers.append(answer)
-            notes.extend(answer.remarks)
-            said = dict(answer.says)
+        if solution is not None:
+            solutions.append(solution)
+            notes.extend(solution.remarks)
+            said = dict(solution.says)
             notes.extend([own_words(name, said)] if said else [])
     asked += [] if failures else _others(problem, asked)
     checks = tuple(
-        _check(one, problem, strain, answers, "; ".join(failures), names[1]) for one in asked
+        _check(one, problem, strain, solutions, "; ".join(failures), names[1]) for one in asked
     )
     verdict = gravest([check.verdict for check in checks])
-    if not failures and all(is_still(problem.mesh, answer) for answer in answers):
+    if not failures and all(is_still(problem.mesh, solution) for solution in solutions):
         verdict = gravest([verdict, Verdict.INCONCLUSIVE])
         notes.append("Nothing moves in either answer: that they agree says nothing.")
     return CaseResult(
@@ -112,7 +112,7 @@ def judge_versus(
         checks=checks,
         problem=problem,
         candidates=(Judged(f"{names[0]} against {names[1]}", verdict),),
-        states=tuple(answers),
+        states=tuple(solutions),
         metrics={f"versus.{c.metric}": c.value for c in checks},
         provenance={"palpate": version_of("palpate"), "case_file": case_file(case)},
         notes=tuple(dict.fromkeys(notes)),
@@ -208,25 +208,25 @@ def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
     ]
 
 
-def _answer(
+def _solution(
     who: Candidate, problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State | None, str]:
     """The candidate's state or None, and why it has failed."""
     try:
-        answer = who.solve(problem, strain, progress)
+        solution = who.solve(problem, strain, progress)
     except CandidateFailedError as error:
         return None, str(error)
-    unmeasurable = unmeasurable_state(answer)
+    unmeasurable = unmeasurable_state(solution)
     if unmeasurable:
         return None, unmeasurable
-    return answer, state_out_of_reach(problem, answer)
+    return solution, state_out_of_reach(problem, solution)
 
 
 def _check(
     asked: Asked,
     problem: Problem,
     strain: Strain,
-    answers: list[State],
+    solutions: list[State],
     failure: str,
     of: str,
 ) -> CheckResult:
@@ -243,7 +243,7 @@ def _check(
     )
     if failure:
         return check
-    found = _apart(asked, problem, *answers)
+    found = _apart(asked, problem, *solutions)
     if found is None:
         verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
         message = "it needs both answers on the case's mesh"

@@ -27,7 +27,7 @@ from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.exchange.result_files import (
     ResultFileError,
     read_result,
-    room_for_answer,
+    room_for_result,
     write_solution,
 )
 from palpate.validation.metrics import Part, make_state, measure
@@ -195,7 +195,7 @@ def test_a_damaged_stream_is_refused_in_npz_and_vtu(
 def test_a_result_may_be_many_times_as_large_as_the_cases_own(
     tmp_path: Path, problem: Problem, answer: Field
 ) -> None:
-    assert room_for_answer(problem) == 256 * 1024**2
+    assert room_for_result(problem) == 256 * 1024**2
     path = npz(tmp_path, displacement=answer)
     read_result(path, most_bytes=answer.nbytes)
     with pytest.raises(ResultFileError, match="when unpacked"):

@@ -15,7 +15,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging import outputs
-from palpate.validation.judging.case_judge import CaseJudge, null_answer, wrong_answers
+from palpate.validation.judging.case_judge import CaseJudge, null_result, wrong_results
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.judge import exit_code, judge_case
@@ -82,7 +82,7 @@ def test_a_body_that_nobody_pushes_proves_nothing(
 def test_what_is_lost_in_rounding_where_nothing_moves_is_no_failure(
     problem: Problem, metric: str
 ) -> None:
-    still = null_answer(problem, Strain.GREEN, None)
+    still = null_result(problem, Strain.GREEN, None)
     # Of a body of 2 m, 4e-16 m is the last digit.
     shift = np.full_like(problem.mesh.points, 1e-16)
     shift[::2] = 0.0
@@ -92,7 +92,7 @@ def test_what_is_lost_in_rounding_where_nothing_moves_is_no_failure(
 
 
 def test_a_body_that_moves_where_the_reference_does_not_has_failed(problem: Problem) -> None:
-    still = null_answer(problem, Strain.GREEN, None)
+    still = null_result(problem, Strain.GREEN, None)
     moved = make_state(
         problem.mesh,
         np.full_like(problem.mesh.points, 1e-9),
@@ -185,14 +185,14 @@ def test_the_null_answer_has_the_times_and_tools_of_the_reference(problem: Probl
     case = load_case("slide")
     references = find_references(case, live=False, progress=lambda _line: None)
     reference = references.states[SAME_MESH, Strain.GREEN]
-    null = null_answer(case.problem, Strain.GREEN, reference)
+    null = null_result(case.problem, Strain.GREEN, reference)
     assert null.trajectory is not None
     assert null.tool_forces is not None
     assert reference.trajectory is not None
     assert null.trajectory.displacements.shape == reference.trajectory.displacements.shape
     assert null.max_displacement == 0.0
-    assert null_answer(problem, Strain.GREEN, None).displacement.shape == problem.mesh.points.shape
-    labels = [answer.label for answer in wrong_answers(case.problem, reference)]
+    assert null_result(problem, Strain.GREEN, None).displacement.shape == problem.mesh.points.shape
+    labels = [answer.label for answer in wrong_results(case.problem, reference)]
     assert labels == [
         "nothing moves", "turned round", "twice as large", "axes exchanged",
         "last state repeated", "every second state still",
@@ -206,7 +206,7 @@ def test_spoiled_motions_are_spoiled_as_they_say() -> None:
     assert right is not None
     spoiled = {
         answer.label: answer.trajectory
-        for answer in wrong_answers(case.problem, references.states[SAME_MESH, Strain.GREEN])
+        for answer in wrong_results(case.problem, references.states[SAME_MESH, Strain.GREEN])
     }
     repeated, halted = spoiled["last state repeated"], spoiled["every second state still"]
     assert repeated is not None
