@@ -24,7 +24,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.triangles import facet_areas, facet_normals
+from palpate.meshes.triangles import connected_parts, facet_areas, facet_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,15 +202,8 @@ def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: floa
             f"radius = {radius:g} m about {_told(center)} m: the surface is {distances[nearest]:g} "
             "m away; move the centre to the surface, or take a larger radius"
         )
-    is_inside = np.zeros(mesh.num_points, dtype=bool)
-    is_inside[facets[nearest]] = True
-    while True:
-        reached = is_inside[near].any(axis=1)
-        before = int(is_inside.sum())
-        is_inside[near[reached]] = True
-        if int(is_inside.sum()) == before:
-            break
-    patch: Indices = near[reached]
+    part = connected_parts(mesh.num_points, near[:, [0, 1, 1, 2]].reshape(-1, 2).astype(np.int64))
+    patch: Indices = near[part[near[:, 0]] == part[facets[nearest, 0]]]
     if not (np.linalg.norm(mesh.points[patch] - np.asarray(center), axis=-1) < radius).any():
         raise InputError(
             f"radius = {radius:g} m about {_told(center)} m: no point of the surface lies so near; "

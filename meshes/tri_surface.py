@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
 from palpate.meshes.errors import MeshError, first_of
-from palpate.meshes.triangles import facet_normals
+from palpate.meshes.triangles import connected_parts, facet_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,15 +176,6 @@ class SelfIntersectionError(SurfaceError):
 
 def _count_loops(edges: Sequence[tuple[int, int]]) -> int:
     """Number of loops of a graph, edges less points plus parts; loops that touch count each."""
-    parent: dict[int, int] = {}
-
-    def root(v: int) -> int:
-        while parent.setdefault(v, v) != v:
-            parent[v] = parent[parent[v]]
-            v = parent[v]
-        return v
-
-    for a, b in edges:
-        parent[root(a)] = root(b)
-    parts = sum(root(v) == v for v in list(parent))
-    return len(edges) - len(parent) + parts
+    points, ends = np.unique(np.array(edges, dtype=np.int64), return_inverse=True)
+    parts = connected_parts(len(points), ends.reshape(-1, 2))
+    return len(edges) - len(points) + len(np.unique(parts))
