@@ -74,6 +74,7 @@ def _write_pages(made: Path) -> None:
         encoding="utf-8",
     )
     shutil.copy(ROOT / "CHANGELOG.md", made / "changelog.md")
+    shutil.copy(ROOT / ".github" / "CONTRIBUTING.md", made / "contributing.md")
     shutil.copy(ROOT / "validation" / "report" / "kidney.png", made / "kidney.png")
 
 

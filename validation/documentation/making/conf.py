@@ -14,10 +14,10 @@ copyright = f"2026, {author}"
 release = version = metadata.version("palpate")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
-exclude_patterns = ["conf.py", "mathml.py", "making"]
+exclude_patterns = ["making"]
 html_theme = "furo"
 html_title = f"palpate {release}"
-html_static_path = ["static"]
+html_static_path = ["../static"]
 html_css_files = ["palpate.css"]
 html_math_renderer = "mathml"
 
