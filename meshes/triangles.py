@@ -69,17 +69,20 @@ class EdgeUses:
     @cached_property
     def by_edge(self) -> Integers:
         """Rows in the order of their edges, shape (3 num_facets,)."""
-        return np.argsort(self.edge, kind="stable")
+        order: Integers = np.argsort(self.edge, kind="stable")
+        return order
 
     @property
     def crowd(self) -> Integers:
         """Number of uses of the edge of each row, shape (3 num_facets,)."""
-        return self.counts[self.edge]
+        uses: Integers = self.counts[self.edge]
+        return uses
 
     @property
     def plain_pairs(self) -> Integers:
         """The two rows of each edge that two facets use, shape (num_such_edges, 2)."""
-        return self.by_edge[self.crowd[self.by_edge] == 2].reshape(-1, 2)
+        pairs: Integers = self.by_edge[self.crowd[self.by_edge] == 2].reshape(-1, 2)
+        return pairs
 
     @property
     def neighbours(self) -> Integers:

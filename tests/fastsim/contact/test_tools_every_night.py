@@ -8,7 +8,6 @@ displacement and change of volume must be the same on the same mesh.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.dynamics import simulate
-from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.fastsim.grading.size_fields import refine_to_size
 from palpate.fastsim.mesher import mesh_surface
@@ -300,63 +298,3 @@ def test_a_folded_bar_rests_on_itself_less_deep_the_stiffer_the_penalty() -> Non
     assert free > 1.0
     assert soft > stiff
     assert stiff <= 0.1
-
-
-# As in `palpate bench steps`.
-MASS_DAMPING = 5.0
-EDGE = 5.15e-3
-# Part of the largest body in real time without tools that must still be so with one.
-PART = 0.75
-
-
-def seconds_per_step(mesh: TetMesh) -> tuple[float, list[float]]:
-    """Time step, and the processor's time of one while a capsule slides over the kidney [s].
-
-    Best of several, taken in turn: no tool, constraint, penalty.
-    """
-    step = SAFETY * Body(mesh, TISSUE).critical_time_step()
-    laws = (None, ContactLaw(), ContactLaw(ContactForm.PENALTY))
-    bodies = [moving_capsule(mesh, step, law) for law in laws]
-    # The capsule is down after 0.2 s.
-    for body in bodies:
-        body.step(int(0.25 / step))
-    steps = max(50, int(2e7 / mesh.num_cells))
-    best = [np.inf] * len(bodies)
-    for _ in range(10):
-        for k, body in enumerate(bodies):
-            start = time.process_time()
-            body.step(steps)
-            best[k] = min(best[k], (time.process_time() - start) / steps)
-    return step, best
-
-
-def moving_capsule(mesh: TetMesh, step: float, law: ContactLaw | None) -> ExplicitBody:
-    """A kidney that lies on its side, a capsule pressed 5 mm into it that slides along it."""
-    top = float(mesh.points[np.abs(mesh.points[:, 2]) < 0.03, 1].max())
-    radius = 0.008
-    heights = top + radius + np.array([0.0005, -0.005, -0.005])
-    positions = np.stack([np.zeros(3), heights, np.array([-0.02, -0.02, 0.03])], axis=1)
-    path = ToolPath(np.array([0.0, 0.2, 5.0]), positions, np.array([ACROSS] * 3))
-    tools = () if law is None else (RigidTool(CapsuleShape(radius, 0.02), path),)
-    span = TimeSpan(1.0, mass_damping=MASS_DAMPING)
-    return ExplicitBody(
-        Problem(mesh, TISSUE, (lying(mesh),), (), span, tools),
-        time_step=step,
-        precision=Precision.SINGLE,
-        contact=law,
-    )
-
-
-@pytest.mark.nightly
-def test_a_capsule_costs_a_step_little() -> None:
-    """Single precision, one core: at most a fifth more, and real time for three quarters."""
-    mesh = mesh_surface(shape_kidney(edge_length=EDGE))
-    step, (bare, *with_tool) = seconds_per_step(mesh)
-    assert max(with_tool) <= 1.2 * bare
-    # Cells of this body in real time without a tool: cost grows as n, steps as n^(1/3).
-    wanted = PART * mesh.num_cells * (step / bare) ** 0.75
-    edge = EDGE * (mesh.num_cells / wanted) ** (1.0 / 3.0)
-    larger = mesh_surface(shape_kidney(edge_length=edge))
-    assert larger.num_cells >= 0.95 * wanted
-    step, (_, *with_tool) = seconds_per_step(larger)
-    assert max(with_tool) <= step
