@@ -88,7 +88,8 @@ class EdgeUses:
     def neighbours(self) -> Integers:
         """Pairs of facets with a common edge, shape (num_pairs, 2): a chain for each edge."""
         edge, owner = self.edge[self.by_edge], self.owner[self.by_edge]
-        return np.column_stack([owner[:-1], owner[1:]])[edge[1:] == edge[:-1]]
+        pairs: Integers = np.column_stack([owner[:-1], owner[1:]])[edge[1:] == edge[:-1]]
+        return pairs
 
 
 def edge_uses(facets: Indices) -> EdgeUses:
