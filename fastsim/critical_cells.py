@@ -35,7 +35,7 @@ _REACHES = (0.2, 0.1, 0.05, 0.02, 0.01)
 
 @dataclass(frozen=True, eq=False)
 class CriticalCells:
-    """What decides the time step of a mesh.
+    """The cells and the facet that decide the time step of a mesh.
 
     Attributes:
         time_step: Of the mesh [s]: the smallest of all cells'.

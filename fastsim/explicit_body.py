@@ -289,7 +289,7 @@ class ExplicitBody:
 
     @property
     def tool_goals(self) -> dict[int, tuple[list[float], list[float] | None]]:
-        """Where tools are sent by the next call of `step`: position [m], quaternion, by number."""
+        """Poses to which the next `step` sends tools: position [m], quaternion, by number."""
         return self._goals
 
     def send_tools(self, num_steps: int) -> None:

@@ -1,4 +1,4 @@
-"""What drives a body in explicit motion: loads, springs, moving supports, a caller's forces."""
+"""Loads, springs, moving supports and a caller's forces of a body in explicit motion."""
 
 from __future__ import annotations
 
@@ -327,7 +327,7 @@ class ExplicitSprings:
 
 
 def pulling_at_once(springs: Sequence[Spring]) -> list[tuple[Spring, ...]]:
-    """Which springs pull together at some time, as stiff as they are then; none of it less.
+    """Sets of springs that pull together at some time, as stiff as then; only maximal ones.
 
     Between the knots of linear amplitudes the largest frequency is at most that at one of them.
     """

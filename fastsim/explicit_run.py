@@ -98,10 +98,10 @@ class ExplicitRun(Protocol):
         """Kinetic energy, external work, damping loss [J]."""
 
     def take_tool_records(self) -> Floats:
-        """What acts on the tools."""
+        """Loads on the tools."""
 
     def get_contact_force(self, force: Points) -> None:
-        """Of tools and of the body with itself [N]."""
+        """Copy the forces of tools and of contact of the body with itself [N]."""
 
     def self_overlap(self) -> tuple[int, float]:
         """Vertices inside cells, and the deepest [m]."""

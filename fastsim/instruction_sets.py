@@ -1,4 +1,4 @@
-"""Which of the compiled step kernels runs: the widest that the processor has, or a chosen one."""
+"""Choice of the compiled step kernel: the widest that the processor has, or a given one."""
 
 from __future__ import annotations
 

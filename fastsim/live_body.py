@@ -35,7 +35,7 @@ _BITS = 20
 
 
 class SteppedBody(Protocol):
-    """What its tools and springs ask of a body: a `LiveBody`, or a `CondensedBody`."""
+    """A body as its tools and springs use it: a `LiveBody`, or a `CondensedBody`."""
 
     def _send_tool(self, number: int, position: ArrayLike, rotation: ArrayLike | None) -> None: ...
     def _tool_pose(self, number: int) -> tuple[Floats, Floats]: ...

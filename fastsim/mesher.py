@@ -1,4 +1,4 @@
-"""From a closed surface to tetrahedra by improved Delaunay meshing: section II of the paper.
+"""Tetrahedra in a closed surface by improved Delaunay meshing: section II of the paper.
 
 Steps 1 to 5 (circum-cube of five cells, lattice, jitter, interior points, insertion) and the
 clean-up of slivers are in the core: its folders lattice, delaunay, recovery and slivers, and
@@ -136,7 +136,7 @@ class Lattice(StrEnum):
 
 @dataclass(frozen=True)
 class MeshingReport:
-    """What the mesher did.
+    """Counts of what the mesher did.
 
     Attributes:
         recovered_edges: Surface edges that were missing after insertion and flipped back.

@@ -119,7 +119,7 @@ def mesh_bodies(
 
 
 def _common(surfaces: Mapping[str, TriSurface]) -> _Bodies:
-    """All surfaces on common points, without crossings, and which lies in which."""
+    """All surfaces on common points, without crossings, each with the one around it."""
     names = list(surfaces)
     parts = list(surfaces.values())
     starts = np.cumsum([0, *(len(p.points) for p in parts)])
@@ -201,7 +201,7 @@ def _region(bodies: _Bodies, number: int) -> Indices:
 
 
 def _touching(bodies: _Bodies, number: int, error: NonManifoldError) -> CrossingBodiesError:
-    """Which two surfaces touch at the points where a region is not one."""
+    """The error that names two surfaces which touch where a region is not manifold."""
     touched = set(error.vertices) | {v for edge in error.edges for v in edge}
     at = np.isin(np.arange(len(bodies.points)), list(touched))
     one = number

@@ -391,7 +391,7 @@ SOFT = 0.25
 
 @dataclass(frozen=True)
 class Softening:
-    """How near an equilibrium is to its limit, and where.
+    """The softening of a body: how near an equilibrium is to its limit, and where.
 
     Attributes:
         stiffness: Smallest x . K x / x . K_m x [-]; 1 without stress, 0 at the limit, below 0

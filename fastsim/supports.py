@@ -46,7 +46,7 @@ class SlantedPoints:
         return self._turned(vectors, self.axes)
 
     def to_global(self, vectors: Points) -> Points:
-        """And back."""
+        """The vectors with components along x, y, z, from the points' own axes."""
         return self._turned(vectors, self.axes.transpose(0, 2, 1))
 
     def _turned(self, vectors: Points, by: Floats) -> Points:
@@ -111,7 +111,7 @@ class HeldPoints:
         return vectors if self.slanted is None else self.slanted.to_local(vectors)
 
     def to_global(self, vectors: Points) -> Points:
-        """And back."""
+        """The vectors with components along x, y, z, from the points' own axes."""
         return vectors if self.slanted is None else self.slanted.to_global(vectors)
 
     def keep_free(self, vectors: Points) -> Points:

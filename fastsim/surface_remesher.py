@@ -59,7 +59,7 @@ class RemeshReport:
     smallest_angle_after: float
 
     def line(self) -> str:
-        """What was done, in one line for people."""
+        """Report in one line."""
         return (
             f"boundary re-triangulated within {self.distance:.3g} m (volume "
             f"{100 * self.volume_change:+.2g} %, smallest facet angle "
@@ -131,7 +131,7 @@ def remesh_surface(
 
 
 def _smallest_angle(corners: Points) -> float:
-    """Of all facets, given by their corners, shape (num_facets, 3, 3) [degrees]."""
+    """Smallest angle of facets with these corners, shape (num_facets, 3, 3) [degrees]."""
     smallest = np.inf
     for k in range(3):
         u = corners[:, (k + 1) % 3] - corners[:, k]

@@ -198,7 +198,7 @@ _REAL = 8  # bytes
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Which points share entries of a matrix of 3 x 3 blocks, in compressed rows.
+    """Graph of the points of a matrix of 3 x 3 blocks, in compressed rows.
 
     Attributes:
         row_start: Where each row begins, shape (num_points + 1,).

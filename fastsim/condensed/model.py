@@ -79,7 +79,7 @@ class CondensedModel:
 
     @property
     def num_bytes(self) -> int:
-        """Of the compliance and the columns."""
+        """Memory of the compliance and the columns [bytes]."""
         columns = (self.load_displacement, self.term_displacements, self.anchor_displacements)
         return self.blocks.nbytes + sum(array.nbytes for array in columns)
 
@@ -96,9 +96,9 @@ class CondensedModel:
         Args:
             forces: On the touched points, besides the problem's loads [N], shape (num_touched, 3);
                 None is none. Fixed components take none.
-            load_factor: Part of the problem's loads.
-            support_factors: Part of the full size of all supports, or one for each.
-            anchors: How far those of the springs are moved [m], shape (num_springs, 3); None is
+            load_factor: Factor of the problem's loads.
+            support_factors: Factor of the full size of all supports, or one for each.
+            anchors: Displacements of the springs' anchors [m], shape (num_springs, 3); None is
                 the end of their paths.
 
         Raises:
@@ -131,7 +131,7 @@ class CondensedModel:
         return np.array(factors, dtype=np.float64)
 
     def anchors(self, given: ArrayLike | None = None) -> Floats:
-        """How far the springs' anchors are moved [m], (num_springs, 3); None: as in statics."""
+        """Displacements of the springs' anchors [m], (num_springs, 3); None: as in statics."""
         springs = self.problem.springs
         if given is None:
             given = [spring.path.end for spring in springs]
@@ -198,7 +198,7 @@ _NO_FLOATS = np.zeros(0)
 def model_key(setup: CondensedSetup, precision: CompliancePrecision) -> str:
     """SHA-256 that identifies a model.
 
-    Of the version, the element, the precision, and type, shape and bytes of what is condensed:
+    Of the version, the element, the precision, and type, shape and bytes of the input:
     positions, matrix (and so material, springs and supports), right sides, touched and seen points.
     """
     words = (str(_VERSION), setup.element.value, precision.value)

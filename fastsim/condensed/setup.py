@@ -140,7 +140,7 @@ class CondensedSetup:
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All that the model follows from, besides element and precision."""
+        """All arrays on which the model depends, besides element and precision."""
         return (
             self.problem.mesh.points, self.graph.row_start, self.graph.columns, self.blocks,
             self.right_sides, self.held_fields, self.touched, self.seen,

@@ -32,7 +32,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import PointForce, Pressure, Traction
 from palpate.meshes.problem import Element, Problem, Strain
 
-# A tool goes no farther in a step than this part of its half thickness.
+# Largest way of a tool in a step, over its half thickness.
 _PART_OF_THICKNESS = 0.25
 _SMALLEST_STEP = 1.0 / 4096.0
 
@@ -189,7 +189,7 @@ class _Way:
         return state
 
     def _longest(self, number: int) -> float:
-        """How far a tool may go in a step [m]."""
+        """Largest way of a tool in a step [m]."""
         return _PART_OF_THICKNESS * half_thickness(self.steps.tools[number].shape)
 
     def _step(self, time: float) -> StepState:
@@ -214,7 +214,7 @@ def _touched_by_tools(problem: Problem) -> Indices:
 
 
 def _surface_force(problem: Problem, surface: Indices) -> Points:
-    """Of tractions, pressures and point forces at these points [N], shape (num_points, 3)."""
+    """Tractions, pressures and point forces at these points [N], shape (num_points, 3)."""
     loads = tuple(x for x in problem.loads if isinstance(x, Traction | Pressure | PointForce))
     given = external_force(dataclasses.replace(problem, loads=loads))
     force = np.zeros_like(given)

@@ -74,8 +74,8 @@ class CondensedSteps:
 
     Args:
         model: The body.
-        tools: Shapes, and the facets that they may touch; their paths are not read. None is the
-            problem's tools.
+        tools: Their shapes, and the facets that they may touch; their paths are not read. None is
+            the problem's tools.
         law: How contact is enforced: None is the constraint, as in statics; with a penalty its
             stiffness, or the same default.
         relative_tolerance: Of gaps and displacements at vertices beside tools, over the largest
@@ -130,9 +130,9 @@ class CondensedSteps:
 
         Args:
             forces: On the touched points [N], shape (num_touched, 3); None is none.
-            load_factor: Part of the problem's loads.
-            support_factors: Part of the full size of all supports, or one for each.
-            anchors: How far those of the springs are moved [m], shape (num_springs, 3); None is
+            load_factor: Factor of the problem's loads.
+            support_factors: Factor of the full size of all supports, or one for each.
+            anchors: Displacements of the springs' anchors [m], shape (num_springs, 3); None is
                 the end of their paths.
 
         Raises:
@@ -170,7 +170,7 @@ class CondensedSteps:
 
     @property
     def contact_forces(self) -> Points:
-        """Of the tools on the touched points in the last step [N], shape (num_touched, 3)."""
+        """Forces of tools on the touched points in the last step [N], shape (num_touched, 3)."""
         return self._core.forces()
 
     def _rows(self, poses: Sequence[tuple[ArrayLike, ArrayLike]] | Floats) -> Floats:
@@ -307,17 +307,17 @@ class CondensedBody:
 
     @property
     def contact_forces(self) -> Points:
-        """Of the tools on the model's touched points in the last step [N], (num_touched, 3)."""
+        """Forces of tools on the touched points in the last step [N], shape (num_touched, 3)."""
         return self._steps.contact_forces
 
     @property
     def displacement(self) -> Points:
-        """Of `points` now [m], shape (num_seen, 3): read-only, always the same array."""
+        """Displacement of `points` [m], shape (num_seen, 3): read-only, always the same array."""
         return self._moved
 
     @property
     def positions(self) -> Points:
-        """Of `points` now [m], shape (num_seen, 3): read-only, always the same array."""
+        """Positions of `points` [m], shape (num_seen, 3): read-only, always the same array."""
         return self._shown
 
     def _send_tool(self, number: int, position: ArrayLike, rotation: ArrayLike | None) -> None:

@@ -171,7 +171,7 @@ class VertexCellDetector:
 
     @property
     def work(self) -> dict[str, int]:
-        """Of the last step: vertices hashed, cells near vertices, and pairs tested."""
+        """Counts of the last step: vertices hashed, cells near vertices, and pairs tested."""
         names = ("hashed", "cells_near", "pairs_tested")
         return dict(zip(names, map(int, self._core.work()), strict=True))
 
@@ -193,7 +193,7 @@ class VertexCellDetector:
     def find_by_brute_force(
         self, points: Points, intruder_points: Points | None = None
     ) -> Overlaps:
-        """Test every vertex against every cell, to verify `find`; the arguments are the same."""
+        """Test every vertex against every cell, to verify `find`, whose arguments it takes."""
         here, there = self._arrays(points, intruder_points)
         pairs, weights = _core.find_vertices_in_cells_brute_force(
             there, self._vertices, here, self._mesh.cells, self._intruder is self._mesh

@@ -184,7 +184,7 @@ def half_thickness(shape: ToolShape) -> float:
 
 
 def _ways_through(corners: Points) -> Points:
-    """From the centre of each facet straight inwards to the next facet [m], shape (n,).
+    """Distance from the centre of each facet straight inwards to the next facet [m], (n,).
 
     Moeller and Trumbore 1997, every facet against every other.
     """

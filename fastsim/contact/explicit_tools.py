@@ -225,7 +225,7 @@ class ExplicitTools:
     def tracks(
         self, times: Floats, steps: NDArray[np.void], records: NDArray[np.void]
     ) -> tuple[ToolTrack, ...]:
-        """What happened to each tool between its first record and its last.
+        """The track of each tool between its first record and its last.
 
         Args:
             times: Of the records [s], shape (n,).

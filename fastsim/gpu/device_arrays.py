@@ -47,7 +47,7 @@ class Maker:
         return self.wp.array(np.ascontiguousarray(numbers), dtype=dtype, device=self.device)
 
     def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """All zero."""
+        """An array of zeros."""
         return self.wp.zeros(shape, dtype=dtype, device=self.device)
 
     def groups(self, groups: Groups) -> tuple[Any, Any]:
@@ -317,7 +317,7 @@ class Groups:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Where the smoothed element averages: cells of one kind around each edge and node.
+    """Patches of the smoothed element: cells of one kind around each edge and node.
 
     Attributes:
         cell_edges, cell_nodes: Patches of each cell, shapes (num_cells, 6) and (num_cells, 4).

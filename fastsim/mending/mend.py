@@ -144,7 +144,7 @@ class EntangledError(SurfaceError):
 
 @dataclass(frozen=True)
 class UntangleReport:
-    """What was done.
+    """Changes of a surface by `untangle`.
 
     Attributes:
         num_pairs: Pairs of facets that crossed.
@@ -162,7 +162,7 @@ class UntangleReport:
     euler_change: int = 0
 
     def line(self) -> str:
-        """What was done, in one line for people."""
+        """Report in one line."""
         bridges = self.euler_change // 2
         cut = f"; {bridges} handle(s) or bridge(s) between sheets cut" if bridges else ""
         return (

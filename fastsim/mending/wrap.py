@@ -65,7 +65,7 @@ class WrapReport:
     lost_distance: float
 
     def line(self) -> str:
-        """What was done, in one line for people."""
+        """Report in one line."""
         said = [f"wrapped by {self.num_facets} new facets within {self.from_given:.3g} m"]
         if self.bridging:
             said.append(
@@ -189,7 +189,7 @@ def _measure(points: Points, facets: Indices, new: TriSurface, distance: float) 
 
 
 def _furthest(points: Points, facets: Indices, others: Points, other_facets: Indices) -> Floats:
-    """Of each facet the largest distance of its samples from another surface [m]."""
+    """Largest distance of the samples of each facet from another surface [m]."""
     surface = _core.SurfaceDistance(np.ascontiguousarray(others), other_facets)
     corners = points[facets]
     samples = np.concatenate(
