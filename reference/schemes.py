@@ -1,7 +1,7 @@
-"""Which schemes there are, and what each does to an oscillation; importable without FEniCSx.
+"""Time integration schemes and their numerical damping; importable without FEniCSx.
 
-All solve u' = v, v' = a(u, t) - lambda v with a = M^-1 (F - R) and lumped M. From a state at t to
-one a step dt later, which is marked by a plus:
+All solve u' = v, v' = a(u, t) - lambda v with a = M^-1 (F - R) and lumped M. A plus marks the state
+at the end of a step dt from a state at t:
 
     central differences    (u+ - 2 u + u-) / dt^2 = a(u, t) - lambda (u+ - u-) / (2 dt)
     semi-implicit Euler    v+ = v + dt (a(u, t) - lambda v+),          u+ = u + dt v+
@@ -15,16 +15,16 @@ one a step dt later, which is marked by a plus:
 E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed. 2006: I.1.1 (explicit,
 implicit and symplectic Euler, midpoint), I.1.4 (central differences, there called Störmer and
 Verlet), II.1.1 (trapezoidal rule); E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
-Differential Equations I, 2nd ed. 1993: eq. III.1.22' (BDF2). Damping is taken where forces are,
-but in semi-implicit Euler at the end, so that no lambda makes it unstable. Stiffness damping is
-taken where forces are in all, with the velocity there; in the explicit ones with that of the step
-before, which is that from the last state to this.
+Differential Equations I, 2nd ed. 1993: eq. III.1.22' (BDF2). Mass damping is evaluated at the time
+of the forces, but in semi-implicit Euler at the end, so that no lambda makes it unstable. Stiffness
+damping is evaluated with the forces in all schemes, with the velocity at their time; in the
+explicit ones with that of the step before, from the last state to this one.
 
 Projective dynamics, XPBD, vertex block descent and other minimisers of an incremental potential
-are backward Euler, solved more or less well.
+are backward Euler, solved more or less exactly.
 
-The truth of motions is by the generalised-alpha method (J. Chung, G. M. Hulbert, J. Appl. Mech. 60
-(1993) 371-375): forces at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with
+The reference for motions is the generalised-alpha method (J. Chung, G. M. Hulbert, J. Appl. Mech.
+60 (1993) 371-375): forces at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with
 Newmark's formulas
 
     u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+).
@@ -34,7 +34,7 @@ A step of any implicit scheme is one balance for the displacement u+ at its end,
     M (acceleration + lambda velocity) = F(t + theta dt, u_f) - R(u_f),
     u_f = theta u+ + (1 - theta) u,   acceleration = A (u+ - u) - p,   velocity = B (u+ - u) - q,
 
-R that of the velocity too where stiffness damping adds to it.
+where R depends on the velocity too if there is stiffness damping.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Integrator(StrEnum):
 
     @property
     def order(self) -> int:
-        """Of the error of a smooth motion in the time step."""
+        """Order in the time step of the error of a smooth motion."""
         return 1 if self in (Integrator.SEMI_IMPLICIT_EULER, Integrator.BACKWARD_EULER) else 2
 
     @property
@@ -78,14 +78,14 @@ class Integrator(StrEnum):
 
 @dataclass(frozen=True)
 class Steps:
-    """How a simulator steps: its scheme and its time step.
+    """The scheme of a simulator and its time step.
 
     Args:
         integrator: The scheme.
         time_step: [s], > 0.
 
     Raises:
-        InputError: A step that is not above 0.
+        InputError: The step is not above 0.
     """
 
     integrator: Integrator
@@ -100,10 +100,10 @@ class Steps:
         return f"{self.integrator}, steps of {self.time_step:g} s"
 
     def of(self, problem: Problem) -> Problem:
-        """The motion with this time step.
+        """The problem with this time step.
 
         Raises:
-            InputError: The problem is no motion.
+            InputError: The problem has no time span.
         """
         if problem.time is None:
             raise InputError(f"{self}: a case without [time] takes no steps; leave them out")
@@ -114,11 +114,11 @@ def stated_steps(problem: Problem, method: str) -> tuple[TimeSpan, float, int]:
     """Time span, time step [s], and whole steps from one output to the next.
 
     Args:
-        problem: With a time span and its time step.
-        method: Who needs them, for the message.
+        problem: A problem with a time span and its time step.
+        method: Name of the method that needs them, for the message.
 
     Raises:
-        InputError: No time step, or outputs that are not whole steps apart.
+        InputError: There is no time step, or outputs are not whole steps apart.
     """
     span = problem.time
     if span is None or span.time_step is None:
@@ -146,17 +146,17 @@ def read_integrator(name: str) -> Integrator:
 
 
 def amplification(integrator: Integrator, omega_dt: float) -> complex:
-    """Factor z of a step on an undamped oscillation u'' = -omega^2 u: states go as z^n [-].
+    """Amplification factor z of an undamped oscillation u'' = -omega^2 u: states go as z^n [-].
 
-    Of the two of a second-order equation the one that turns forwards; of BDF2, which has two more,
-    the one that tends to exp(i omega dt).
+    Of the two factors of a second-order equation the one with arg z > 0; of the four of BDF2 that
+    which tends to exp(i omega dt).
 
     Args:
         integrator: The scheme.
         omega_dt: Angle of a step omega dt [rad], > 0.
 
     Raises:
-        InputError: A step that is not above 0, or at which an explicit scheme is unstable.
+        InputError: The step is not above 0, or an explicit scheme is unstable.
     """
     w = omega_dt
     if not (math.isfinite(w) and w > 0.0):
@@ -177,9 +177,9 @@ def amplification(integrator: Integrator, omega_dt: float) -> complex:
 def numerical_damping_ratio(integrator: Integrator, omega_dt: float) -> float:
     """Damping ratio with which an undamped oscillation decays by the scheme alone [-], >= 0.
 
-    -ln|z| / arg z, as of a damped oscillator: T. J. R. Hughes, The Finite Element Method, 1987,
-    eq. 9.1.30 with arg z for the frequency. About omega dt / 2 for backward Euler,
-    (omega dt)^3 / 4 for BDF2, 0 for the others.
+    It is -ln|z| / arg z, as for a damped oscillator: T. J. R. Hughes, The Finite Element Method,
+    1987, eq. 9.1.30 with arg z for the frequency. It is about omega dt / 2 for backward Euler,
+    (omega dt)^3 / 4 for BDF2, and 0 for the others.
 
     Args:
         integrator: The scheme.
@@ -190,12 +190,12 @@ def numerical_damping_ratio(integrator: Integrator, omega_dt: float) -> float:
     """
     z = amplification(integrator, omega_dt)
     if integrator not in (Integrator.BACKWARD_EULER, Integrator.BDF2):
-        return 0.0  # |z| = 1 but for rounding
+        return 0.0  # |z| = 1 except for rounding
     return -math.log(abs(z)) / cmath.phase(z)
 
 
 def frequency_ratio(integrator: Integrator, omega_dt: float) -> float:
-    """Frequency of the oscillation by the scheme over the true one, arg z / (omega dt) [-].
+    """Frequency of the computed oscillation over the exact one, arg z / (omega dt) [-].
 
     Args:
         integrator: The scheme.
@@ -212,7 +212,7 @@ class AlphaMethod:
     """The parameters of the generalised-alpha method.
 
     Args:
-        spectral_radius: At infinite frequency [-], 0 to 1 (eq. 25 of Chung and Hulbert).
+        spectral_radius: Value at infinite frequency [-], 0 to 1 (eq. 25 of Chung and Hulbert).
     """
 
     spectral_radius: float = 0.8
@@ -223,36 +223,36 @@ class AlphaMethod:
 
     @property
     def alpha_m(self) -> float:
-        """Where accelerations are taken."""
+        """Accelerations are evaluated at t + (1 - alpha_m) dt."""
         return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
 
     @property
     def alpha_f(self) -> float:
-        """Where forces are balanced."""
+        """Forces are balanced at t + (1 - alpha_f) dt."""
         return self.spectral_radius / (self.spectral_radius + 1.0)
 
     @property
     def gamma(self) -> float:
-        """Newmark's gamma: second order (eq. 17)."""
+        """Newmark's gamma, for second order (eq. 17)."""
         return 0.5 - self.alpha_m + self.alpha_f
 
     @property
     def beta(self) -> float:
-        """Newmark's beta: most damping at high frequencies (eq. 20)."""
+        """Newmark's beta, for the most damping at high frequencies (eq. 20)."""
         return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a motion is, all flat.
+    """The state of a motion; all vectors are flat.
 
     Attributes:
         u: Displacement [m].
         v: Velocity [m/s].
         a: Acceleration [m/s2], damping included.
         before: The state a step earlier; None at the start.
-        external_work: Since the start [J].
-        damping_work: Likewise.
+        external_work: Work of external forces since the start [J].
+        damping_work: Energy dissipated by damping since the start [J].
     """
 
     u: Floats
@@ -265,9 +265,9 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
-    """The numbers and vectors of the balance above, of a step from a state.
+    """The numbers and vectors of the balance above, for a step from a state.
 
-    `alpha_m` is where the acceleration is taken: 0 at the end of the step, or for good.
+    `alpha_m` of the generalised-alpha method; 0 for the other schemes.
     """
 
     state: State
@@ -280,15 +280,15 @@ class Stencil:
     alpha_m: float = 0.0
 
     def acceleration(self, u: Floats) -> Floats:
-        """Rate of the velocity that the balance has where forces act [m/s2]."""
+        """Acceleration in the balance of forces [m/s2]."""
         return self.A * (u - self.state.u) - self.p
 
     def velocity(self, u: Floats) -> Floats:
-        """That damping acts on [m/s]."""
+        """Velocity that damping acts on [m/s]."""
         return self.B * (u - self.state.u) - self.q
 
     def middle(self, u: Floats) -> Floats:
-        """The displacement where forces act [m]."""
+        """The displacement at which forces are evaluated [m]."""
         return u if self.theta == 1.0 else self.theta * u + (1.0 - self.theta) * self.state.u
 
     def after(self, u: Floats) -> State:
@@ -296,12 +296,12 @@ class Stencil:
         old, theta, alpha_m = self.state, self.theta, self.alpha_m
         v = (self.velocity(u) - (1.0 - theta) * old.v) / theta
         a = (self.acceleration(u) - alpha_m * old.a) / (1.0 - alpha_m)
-        # No longer a history than a scheme reads.
+        # Store no longer a history than a scheme needs.
         return State(u, v, a, State(old.u, old.v, old.a))
 
 
 def stencil_of(scheme: Integrator | AlphaMethod, state: State, time_step: float) -> Stencil:
-    """A step of an implicit scheme from a state; the equations stand above."""
+    """The step of an implicit scheme from a state; the equations are in the module's docstring."""
     v, a, dt = state.v, state.a, time_step
     old = state.before
     match scheme:

@@ -4,35 +4,35 @@ Every law is W = W_0 + lmbda/2 g^2, with W_0 what is left where lmbda = 0 and g 
 measure m of a cell's volume: tr E for Saint-Venant-Kirchhoff's and Hooke's laws, tr U - 3 for the
 corotational one, J - 1 for the others. Cell c has the volume V_c and the strain E_c (Green's, or
 the linear one). An edge e has the volume V_e = sum of V_c / 6 over its cells, a node n has
-V_n = sum of V_c / 4. W_0 goes over edges with all that it has of C = I + 2 E and of J, there the
-root of det C; g goes over nodes:
+V_n = sum of V_c / 4. W_0 is summed over edges, with J in it the root of det C, C = I + 2 E; g is
+summed over nodes:
 
     E_e = 1 / V_e  sum of (V_c / 6) E_c,    m_n = 1 / V_n  sum of (V_c / 4) m_c
     W   = sum of V_e W_0(E_e)  +  sum of V_n lmbda/2 g(m_n)^2
     S_c = 1/6 sum of dW_0/dE (E_e),   p_c = 1/4 sum of lmbda g dg/dm (m_n)
     R(u; v) = integral of S : dE(v) + p dm(v)
 
-The shear part goes over edges, which do not lock in bending; the volumetric part over nodes, of
-which there are too few to lock it. An edge or node where several materials meet has a patch of
-cells for each. For small strains all laws have the smoothed element of Hooke's, no stress at rest,
-and a constant F is reproduced. S and p of a cell depend on the displacement of its neighbours too,
-so UFL is given them as functions that are constant in each cell; with B the derivatives of the
-cells' integrals of E and m, A the averages and D the moduli, the tangent is its geometric part and
-(A B)^T D (A B).
+The shear part is averaged over edges, which do not lock in bending; the volumetric part over nodes,
+of which there are too few for volumetric locking. An edge or node where several materials meet has
+a patch of cells for each. For small strains all laws have the smoothed element of Hooke's law. The
+rest state is free of stress, and a constant F is reproduced. S and p of a cell depend on the
+displacement of its neighbours too, so UFL gets them as functions that are constant in each cell;
+with B the derivatives of the cells' integrals of E and m, A the averages and D the moduli, the
+tangent is its geometric part plus (A B)^T D (A B).
 
 G. R. Liu, T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010; C.-K. Lee, L. A. Mihai, J. S.
 Hale, P. Kerfriden, S. P. A. Bordas, Strain smoothing for compressible and nearly-incompressible
 finite elasticity, Computers and Structures 182 (2017) 540-555. They average the deformation
 gradient; here it is the strain, so that a finite rotation strains no edge either.
 
-dW_0/dE and its derivative are UFL's: the edges' strains are given to it as a function on a mesh of
-as many cells that have nothing to do with each other. Laws that are written in stretches have
-theirs from `principal_laws`, and Hooke's stand here.
+dW_0/dE and its derivative are computed by UFL: the edges' strains are a function on a mesh of as
+many disconnected cells. Those of laws that are written in stretches come from `principal_laws`,
+and those of Hooke's law are written here.
 
 Note:
-    Where W is convex in E, as Hooke's, it is never above that of the plain tetrahedra. Pressures of
-    neighbouring nodes may alternate; averages over a cell do not. C of an edge is definite whatever
-    its cells do: a cell turned inside out is felt by the m_n of its nodes alone.
+    Where W is convex in E, like Hooke's, it is never above that of the plain tetrahedra. Pressures
+    of neighbouring nodes may alternate; averages over a cell do not. C of an edge is positive
+    definite whatever its cells do: an inverted cell affects only the m_n of its nodes.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ from palpate.reference.principal_laws import (
 
 _CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 _VOLUME = 1.0 / 6.0
-# Of cells: integrals of E, flat, nine to a cell, and of m; or PETSc matrices of their derivatives.
+# Integrals over cells of E, flat, nine per cell, and of m; or PETSc matrices of their derivatives.
 Integrals: TypeAlias = tuple[Floats, Floats]
 Rates: TypeAlias = tuple[Any, Any]
 
@@ -75,7 +75,8 @@ class Patches:
 
     Attributes:
         of_cell: Patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes.
-        volumes: An equal part of each cell's volume for each of its patches [m3], (num_patches,).
+        volumes: Volumes of the patches [m3], to each of which a cell adds an equal part of its own,
+            shape (num_patches,).
     """
 
     of_cell: Indices
@@ -86,10 +87,10 @@ def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) 
     """Gather the cells around the edges (dimension 1) or nodes (0) of a dolfinx mesh.
 
     Args:
-        mesh: On one rank: another one's cells at an edge would be missing.
+        mesh: A mesh on one rank, since cells of other ranks at an edge would be missing.
         dimension: 1 or 0.
-        constants: Of each cell's material, shape (num_cells, n); equal rows share patches.
-        volumes: Of the cells [m3], shape (num_cells,).
+        constants: Material constants of each cell, shape (num_cells, n); equal rows share patches.
+        volumes: Volumes of the cells [m3], shape (num_cells,).
     """
     topology = mesh.topology
     topology.create_entities(dimension)
@@ -109,12 +110,12 @@ class Smoothing:
 
     Args:
         space: Displacement space of degree 1, on one rank.
-        material: Of which the law is read, and its terms.
+        material: The material whose law and Ogden terms are used.
         moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell.
-        is_hookean: Whether S is linear in E whatever the law, and c01 not read.
+        is_hookean: Whether to take S linear in E whatever the law, without c01.
 
     Raises:
-        InputError: Another degree, or more than one rank.
+        InputError: The degree is not 1, or there is more than one rank.
     """
 
     def __init__(
@@ -174,9 +175,9 @@ class Smoothing:
         """(A B)^T D (A B'), a new PETSc matrix.
 
         Args:
-            integrals: Where D is taken.
-            rates: B, by the displacement.
-            changes: B', of the integrals that the stress is of; None is B.
+            integrals: Integrals at which D is evaluated.
+            rates: B, derivatives of the integrals by the displacement.
+            changes: B', derivatives of the integrals that the stress depends on; None is B.
         """
         strains, measures = self._averaged(integrals)
         changes = changes or rates
@@ -209,11 +210,11 @@ class SmoothedBody:
 
     Attributes:
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
-        coefficients: What has to be brought to u before `update`.
+        coefficients: Coefficients of the forms to be updated to u before `update`.
         smoothing: The averages.
 
     Raises:
-        InputError: Another degree, or more than one rank.
+        InputError: The degree is not 1, or there is more than one rank.
     """
 
     def __init__(
@@ -238,7 +239,7 @@ class SmoothedBody:
         if is_hookean:
             measures = ufl.tr(E) * q * self._dx
             rates = ufl.derivative(measures, u, du)
-            # A factor, so that the geometric part of the tangent has a form also where it is zero.
+            # A factor of 0 or 1, so that the geometric tangent has a form also where it is zero.
             turns = fem.Constant(mesh, PETSc.ScalarType(strain is Strain.GREEN))
             self.stress = S + p * ufl.Identity(3)
             self._piola = (ufl.Identity(3) + turns * ufl.grad(u)) * self.stress
@@ -262,7 +263,7 @@ class SmoothedBody:
         return ufl.inner(self._piola, ufl.grad(v)) * self._dx
 
     def update(self) -> None:
-        """Make the stress that of u."""
+        """Compute the stress at u."""
         found = self.smoothing.stress(self._integrals())
         for function, values in zip(self._cell_stress, found, strict=True):
             function.x.array[:] = values
@@ -272,11 +273,11 @@ class SmoothedBody:
         return self.smoothing.energy(self._integrals())
 
     def stiffness(self) -> Any:
-        """All of the tangent at u but its geometric part, a new PETSc matrix."""
+        """The tangent at u without its geometric part, a new PETSc matrix."""
         return self.smoothing.stiffness(self._integrals(), self.rates())
 
     def rates(self) -> Rates:
-        """Derivatives of the integrals of E and m by u, PETSc matrices; the same objects always."""
+        """Derivatives of the integrals of E and m by u, always the same two PETSc matrices."""
         for matrix, form in zip(self._matrices, self._rates, strict=True):
             matrix.zeroEntries()
             fenicsx.assemble_into_matrix(matrix, form)
@@ -311,14 +312,14 @@ class _HookesEdgeLaw:
 
 
 class _EdgeLaw:
-    """W_0 and its derivatives by UFL, of many strains at once: one to a cell of its own."""
+    """W_0 and its derivatives by UFL for many strains at once, each in a cell of its own."""
 
     def __init__(self, material: Material, mu: Floats, c01: Floats) -> None:
         self._count = count = len(mu)
         mesh = fenicsx.create_mesh(
             np.tile(_CORNERS, (count, 1)), np.arange(4 * count).reshape(count, 4)
         )
-        # Which cell a patch has does not matter: that of its number in dolfinx.
+        # Any cell may represent a patch: take the one with its number in dolfinx.
         tensors, scalars = (
             fenicsx.function_space(mesh, "DG", 0, (3, 3)),
             fenicsx.function_space(mesh, "DG", 0),
@@ -364,12 +365,12 @@ class _EdgeLaw:
 
 
 class _EdgeLawOfStretches:
-    """The same by principal values."""
+    """W_0 and its derivatives by principal strains, for laws that are written in stretches."""
 
     def __init__(self, material: Material, mu: Floats, c01: Floats) -> None:
         del c01
         self._function = energy_of_stretches(material.law, 0.0 * mu, mu, material.ogden_terms)
-        # Mandel's six components of nine, and back.
+        # Conversion between Mandel's six components and the nine of a tensor.
         self._nine = np.zeros((9, 6))
         for k, (i, j, weight) in enumerate(zip(ROWS, COLUMNS, WEIGHTS, strict=True)):
             self._nine[[3 * i + j, 3 * j + i], k] = 1.0 / weight
@@ -399,7 +400,7 @@ def _block_diagonal(blocks: Floats) -> Any:
 
 
 def _averages(patches: Patches, dofs: Indices, size: int) -> Any:
-    """Means over patches of the cells' integrals of so many components."""
+    """The matrix that averages the cells' integrals of `size` components over patches."""
     of_cell, volumes = patches.of_cell, patches.volumes
     width, component = of_cell.shape[1], np.arange(size)
     patch, cell = of_cell.ravel(), np.repeat(dofs, width)
@@ -433,7 +434,7 @@ def _transposed_times(matrix: Any, values: Floats) -> Floats:
 
 
 def sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
-    """The PETSc matrix of these entries, each named once."""
+    """The PETSc matrix with these entries, each of which occurs once."""
     order = np.lexsort((columns, rows))
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
     csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])

@@ -1,4 +1,4 @@
-"""Static equilibrium on FEniCSx: the truth that others are judged against."""
+"""Static equilibrium on FEniCSx: the reference that other solvers are judged against."""
 
 from __future__ import annotations
 
@@ -45,45 +45,45 @@ def solve_static(
 ) -> ReferenceResult:
     """Solve internal(u) = external(u) on the problem's own mesh.
 
-    Green strain: the Saint-Venant-Kirchhoff material, raised to the full load in steps that adapt,
-    by Newton's method that lets no cell invert. Linear strain: one linear solve; a pressure then
-    acts on the rest surface, and cells may come out inverted.
+    Green strain: the material's law under finite strain; the load is raised in adaptive steps, each
+    solved by Newton's method, which does not invert a cell. Linear strain: one linear solve; a
+    pressure then acts on the rest surface, and cells of the solution may be inverted.
 
     Args:
-        problem: Mesh, material, supports, loads and tools. Time is ignored, but for the tools'
-            paths: the loads come first, with the tools where their paths begin, and then the
-            tools go to where they end.
+        problem: Mesh, material, supports, loads and tools. Time is ignored, except in the tools'
+            paths: the loads are applied first, with the tools where their paths begin, and then
+            the tools move to where their paths end.
         strain: Strain measure.
         degree: Polynomial degree of the displacement, 1 to 3. 1 is the same discretisation as
-            linear tetrahedra elsewhere; 2 is the truth they are judged by.
+            other linear tetrahedra; 2 is the reference that these are judged against.
         relative_tolerance: Out-of-balance nodal forces over the external or internal ones [-],
             between 1e-14 and 1e-2.
-        formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3.
-        element: SMOOTHED averages strains over edges and nodes: degree 1, and mpirun not among
-            what it can.
+        formulation: MIXED for Poisson's ratios of 0.49 and more; needs degree 2 or 3.
+        element: SMOOTHED averages strains over edges and nodes; needs degree 1, and does not run
+            under mpirun.
         start: Displacement at the mesh's points near an equilibrium [m], shape (num_points, 3).
-            The equilibrium beside it is looked for first, where there are several that one; the
-            loads are raised from nothing where there is none, or where None.
+            The equilibrium nearby is sought first, and is returned if it exists even where there
+            are several. If there is none, or for None, the loads are raised from zero.
         progress: Called with one line of text now and then.
 
     Returns:
         The state under the full load; its displacement at the mesh's points, in their order.
 
     Raises:
-        InputError: The problem cannot be used: not enough supports, a tool driven by a force
-            beside others, with friction or from too near, values that are not finite,
-            overlapping cells, or an element or formulation that cannot do it.
-        ReferenceNotConvergedError: No equilibrium under the full load; carries the last one found.
+        InputError: The problem cannot be used: too few supports, a tool driven by a force that is
+            not the only tool, has friction or starts too near, values that are not finite,
+            overlapping cells, or an element or formulation that does not support the problem.
+        ReferenceNotConvergedError: No equilibrium under the full load; has the last one found.
 
     Note:
         Saint-Venant-Kirchhoff loses equilibrium under strong compression (stretch 0.577), and in
-        confined compression its stability in shear before that. An equilibrium whose tangent is
-        not positive definite is not accepted; under follower pressure the tangent's symmetric part
-        is asked, which is more than stability needs where the pressure has no potential.
-        A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
-        relative residual of the result says so.
-        Tools touch the body at nodes (see `ContactPoints`): what is smaller than a facet slips in
-        between. With friction the result depends on the way there (see `Friction`).
+        confined compression it loses stability in shear before that. An equilibrium whose tangent
+        is not positive definite is not accepted; under follower pressure the tangent's symmetric
+        part is tested, which is stricter than stability where the pressure has no potential.
+        The iteration of a slender body may end at the rounding error of its nodal forces, a few
+        1e-10; the result contains the relative residual.
+        Tools touch the body at nodes (see `ContactPoints`): a tool smaller than a facet can pass
+        between them. With friction the result depends on the loading path (see `Friction`).
     """
     found = find_equilibrium(
         problem,
@@ -103,14 +103,14 @@ def solve_static(
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """An equilibrium with what it was found by.
+    """An equilibrium with its discrete equations and their solver.
 
     Attributes:
         problem: Mesh, material, supports, loads and tools.
-        discrete: Its equations.
-        newton: What solved them; may go on from here.
-        path: Of the load, or of the tools, to it.
-        smallest_det_f: [-].
+        discrete: The discrete equations.
+        newton: Their solver, which can continue from here.
+        path: Path of the load, or of the tools, to the equilibrium.
+        smallest_det_f: Smallest det F [-].
     """
 
     problem: Problem
@@ -125,7 +125,7 @@ class Equilibrium:
         return self.path.displacement
 
     def result(self) -> ReferenceResult:
-        """Everything that is measured of it."""
+        """Evaluate all quantities of the result."""
         discrete, problem = self.discrete, self.problem
         state = measure_state(discrete, self.displacement)
         second_piola_kirchhoff, cauchy, first = measure_stresses(discrete, self.displacement)
@@ -155,7 +155,7 @@ class Equilibrium:
         )
 
     def destroy(self) -> None:
-        """Give matrices and factors back at once."""
+        """Free matrices and factors at once."""
         self.newton.destroy()
         self.discrete.destroy()
 
@@ -178,14 +178,14 @@ def find_equilibrium(
     Args:
         problem: Mesh, material, supports, loads and tools.
         strain: Strain measure.
-        degree: Of the displacement, 1 to 3.
+        degree: Polynomial degree of the displacement, 1 to 3.
         relative_tolerance: See `solve_static`.
-        formulation: Likewise.
-        element: Likewise.
-        guess: Unknowns near the equilibrium, flat, from which alone it is looked for; with tools
-            first, if it does not depend on their way, and then along it. The load is raised from
-            nothing where None.
-        start: See `solve_static`; in the place of a guess.
+        formulation: See `solve_static`.
+        element: See `solve_static`.
+        guess: Unknowns near the equilibrium, flat, from which alone it is sought; with tools also
+            along their paths, if that fails or the equilibrium depends on the path. For None the
+            load is raised from zero.
+        start: See `solve_static`; given instead of a guess.
         largest_direct: See `LinearSolver`.
         progress: Called with one line of text now and then.
 
@@ -212,7 +212,7 @@ def find_equilibrium(
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
     is_known = all(contact.forgets_its_way for contact in discrete.contacts)
     near = _near(discrete, guess, start) if is_known else None
-    # Where degrees differ, forces are those of the kinks between cells.
+    # For other degrees the internal forces would be those of the kinks between linear cells.
     knows_forces = start is not None and degree == 1
     path = None if near is None else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
     if path is None or (path.reason and (discrete.contacts or start is not None)):
@@ -250,7 +250,7 @@ def _go_on(
     *,
     knows_forces: bool,
 ) -> Outcome:
-    """The equilibrium under the full load that Newton's method finds from nearby."""
+    """The equilibrium under the full load that Newton's method finds from a displacement nearby."""
 
     def report(iteration: int, relative: float, det_f: float) -> None:
         tell(
@@ -265,7 +265,7 @@ def _go_on(
 def _follow(
     discrete: DiscreteProblem, sampler: DetFSampler, newton: Newton, tell: Progress
 ) -> Outcome:
-    """Loads first, with the tools where they begin; then the tools as they are driven."""
+    """Apply the loads with the tools where they begin; then move the tools as they are driven."""
     given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
     if given > 0.0 or discrete.has_follower_forces or not discrete.contacts:
         path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)

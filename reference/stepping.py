@@ -1,20 +1,20 @@
-"""Motion of tetrahedra of degree 1 with lumped mass, by the scheme and step of who is judged.
+"""Motion of linear tetrahedra with lumped mass, by the scheme and step of the simulator judged.
 
-Every step is solved. What an implicit simulator differs by from this is its solver's: iterations
-that it did not do, and equations that are not those it states. What this differs by from the motion
-itself is the scheme's.
+Every step is solved to a tolerance. The difference of an implicit simulator from this is the error
+of its solver: too few iterations, or equations other than those it states. The difference of this
+from the exact motion is the error of the scheme.
 
 Central differences of M a'' + D a' + R(a) = F(t) with lumped M and D = lambda M are the explicit
-steps by which fast ones are judged. Expanding the paper's eq. 11 gives, for each free degree of
-freedom,
+steps by which fast simulators are judged. Expanding the paper's eq. 11 gives, for each free degree
+of freedom,
 
     (m/dt^2 + d/(2 dt)) a(t+dt) = F - R(a(t)) + (2/dt^2) m a(t) - (m/dt^2 - d/(2 dt)) a(t-dt)
 
 (its eq. 12 prints R inside a bracket multiplied by a), started by
 a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Stiffness damping adds to R(a(t)) the forces
 of the viscous stress beta C : (E(a(t)) - E(a(t-dt))) / dt (see `Viscosity`). Everything is
-assembled from UFL, the row sums of the mass matrix included; time is given by the caller, never
-chosen. The other schemes stand in `schemes`.
+assembled from UFL, the row sums of the mass matrix included; the caller chooses the time step.
+The other schemes are in `schemes`.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ from palpate.reference.schemes import (
 )
 
 _MAX_ITERATIONS = 60
-# A Newton step is cut in two, so often at most, while a cell would invert or the forces along it
-# push back harder than they pulled.
+# Maximum number of times that a Newton step is halved, while a cell would invert or the residual
+# force along the step is opposite and larger than at its start.
 _MAX_CUTS = 12
 
 
@@ -72,18 +72,18 @@ def simulate_by(
     """Step a problem through its time span by a scheme.
 
     Args:
-        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart. Of any
-            law that the element knows.
-        integrator: The scheme; its equations stand in `schemes`.
+        problem: A problem with `time` and its `time_step`: the outputs are whole steps apart. Any
+            law that the element supports.
+        integrator: The scheme; its equations are in `schemes`.
         strain: Strain measure.
         element: SMOOTHED averages strains over edges and nodes; not under mpirun.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
-        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of fixed components
-            it is not read.
+        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Values of fixed
+            components are ignored.
         amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
             takes each load's own.
         support_amplitude: The same for the supports' displacements.
-        relative_tolerance: Of each step's equations: norm of the free out-of-balance nodal forces
+        relative_tolerance: Tolerance of each step: norm of the free out-of-balance nodal forces
             over the largest of those of internal, external and inertial ones [-].
         progress: Called with one line of text now and then.
 
@@ -91,17 +91,17 @@ def simulate_by(
         The trajectory at the outputs; every number in it is finite.
 
     Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, a tool by another
-            scheme than central differences, or a load, support, tool or element that cannot be
-            used.
-        ReferenceStepError: A step's equations have no solution; carries the last good state.
-        ReferenceBlowUpError: An explicit scheme left the finite numbers; likewise.
+        InputError: No time span or step, outputs that are not whole steps apart, a tool with
+            another scheme than central differences, or a load, support, tool or element that
+            cannot be used.
+        ReferenceStepError: A step's equations have no solution; has the last accepted state.
+        ReferenceBlowUpError: An explicit scheme diverged; has the last accepted state.
 
     Note:
-        Degree 1 with lumped mass, as simulators have it: the row sums of a quadratic mass matrix
-        are negative at the vertices. A step is never cut: of what it does not resolve, the scheme's
-        result is the result. Where the equations of a long step have several solutions, this is the
-        one that Newton's method finds from u + dt v.
+        Degree 1 with lumped mass, like simulators: the row sums of a quadratic mass matrix are
+        negative at the vertices. A time step is never cut: errors of time steps that are too long
+        are part of the result. Where the equations of a long step have several solutions, this is
+        the one that Newton's method finds from u + dt v.
         Central differences are stable for dt < 2 / omega_max, with stiffness damping beta for
         dt < sqrt((2 / omega_max)^2 + beta^2) - beta.
     """
@@ -172,26 +172,26 @@ class SteppedBody(MovingBody):
 
     Attributes:
         tolerance: Relative residual of a step [-].
-        iterations: Linear solves so far.
-        largest_residual: Relative, of the steps so far [-].
+        iterations: Number of linear solves so far.
+        largest_residual: Largest relative residual of the steps so far [-].
     """
 
     tolerance = 1e-10
     iterations = 0
     largest_residual = 0.0
-    # The last matrix and its factors; that of a linear body changes with the stencil only.
+    # The last matrix and its factors; the matrix of a linear body changes with the stencil only.
     _last: tuple[tuple[float, float, float], Any] | None = None
     _matrix_norm = 0.0
 
     @property
     def mass(self) -> Floats:
-        """Row sums [kg], flat."""
+        """Row sums of the mass matrix [kg], flat."""
         assert self.row_sums is not None
         return self.row_sums
 
     @functools.cached_property
     def _system(self) -> tuple[Any, Any, LinearSolver]:
-        """Form of the stiffness, its matrix, and what solves; semi-implicit steps need none."""
+        """Form of the stiffness, its matrix and its solver; semi-implicit steps need none."""
         form = fenicsx.form(self.body.work_change(ufl.TrialFunction(self.body.space.space)))
         matrix = fenicsx.create_matrix(form)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -203,13 +203,13 @@ class SteppedBody(MovingBody):
         return form, matrix, solver
 
     def mobility(self, dt: float) -> Floats:
-        """How far a force moves each degree of freedom in a step by central differences [m/N]."""
+        """Displacement per force of each degree of freedom in a central-difference step [m/N]."""
         return dt**2 / (self.mass * (1.0 + 0.5 * self.damping * dt))
 
     def step_by_central_differences(
         self, state: State, tools: SteppedTools, step: int, dt: float
     ) -> State:
-        """A step by the recurrence above (eq. 12); its velocity is that since the state before."""
+        """A step by the recurrence above (eq. 12); its velocity is the mean over the last step."""
         assert state.before is not None
         now, before, end = state.u, state.before.u, (step + 1) * dt
         half, force = 0.5 * self.damping * dt, self.force(now, before, step * dt)
@@ -224,18 +224,18 @@ class SteppedBody(MovingBody):
         integrator: Integrator,
         dt: float,
     ) -> State:
-        """The state at time 0, and by central differences that a step before (eq. 13)."""
+        """The state at time 0; for central differences with the state a step before (eq. 13)."""
         u, v = self.start(displacement, velocity)
         v[self.held] = 0.0
         is_central = integrator is Integrator.CENTRAL_DIFFERENCES
         a = self.force(u, u - dt * v if is_central else v, 0.0) / self.mass - self.damping * v
         a[self.held] = 0.0
-        # Eq. 13; no other scheme begins with a state before.
+        # Eq. 13; no other scheme starts from two states.
         before = State(u - dt * v + 0.5 * dt**2 * a, v, a)
         return State(u, v, a, before if is_central else None)
 
     def step_semi_implicitly(self, state: State, time: float, dt: float) -> State:
-        """Velocity by the forces at the start, displacement by the velocity at the end."""
+        """Velocity from the forces at the start, displacement from the velocity at the end."""
         v: Floats = (state.v + dt * self.force(state.u, state.v, time) / self.mass) / (
             1.0 + self.damping * dt
         )
@@ -247,8 +247,8 @@ class SteppedBody(MovingBody):
         """The state at the end of a step.
 
         Args:
-            stencil: Its equations.
-            time: At its start [s].
+            stencil: Equations of the step.
+            time: Time at its start [s].
 
         Raises:
             StepLostError: Newton's method found no solution.
@@ -276,7 +276,7 @@ class SteppedBody(MovingBody):
         raise StepLostError(f"no convergence in {_MAX_ITERATIONS} iterations")
 
     def _residual(self, stencil: Stencil, u: Floats, time: float) -> tuple[Floats, float]:
-        """What is out of balance [N], flat, and the largest of its parts."""
+        """Out-of-balance forces [N], flat, and the largest norm of their parts [N]."""
         forces = self.balance(stencil, u, time)
         return forces.lacking, forces.scale(self.free)
 
@@ -311,9 +311,10 @@ class SteppedBody(MovingBody):
     def _along(
         self, stencil: Stencil, u: Floats, du: Floats, time: float, residual: Floats
     ) -> tuple[Floats, Floats, float]:
-        """As far along a Newton step as no cell inverts and the forces do not push back harder.
+        """Take the largest of 1, 1/2, 1/4, ... of a Newton step that is accepted.
 
-        Those of dead loads have a potential, the incremental one, of which this is the slope.
+        No cell may be inverted, and the force along the step must not be larger than at its start;
+        for dead loads this force is the slope of the incremental potential.
         """
         first = abs(float(fenicsx.total(float(residual @ du))))
         length = 1.0
@@ -321,7 +322,7 @@ class SteppedBody(MovingBody):
             further = u + length * du
             if self.is_sound(stencil.middle(further)):
                 left, scale = self._residual(stencil, further, time)
-                # NaN, of a law beyond its end, is cut as well.
+                # A NaN, from a law outside its range, halves the step as well.
                 if abs(float(fenicsx.total(float(left @ du)))) <= first:
                     return further, left, scale
             length *= 0.5

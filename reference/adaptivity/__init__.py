@@ -1,1 +1,1 @@
-"""The truth on meshes that are refined where its error comes from."""
+"""The reference on meshes that are refined where its error comes from."""

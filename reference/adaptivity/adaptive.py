@@ -1,4 +1,4 @@
-"""Solve, estimate, refine, and again, until the error bars are small enough."""
+"""Solve, estimate and refine, until the error bars are small enough."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from palpate.reference.statics import Equilibrium, find_equilibrium
 
 
 class History:
-    """What each mesh was and said."""
+    """Sizes, estimates and error bars of each mesh."""
 
     def __init__(self, goals: Sequence[Goal]) -> None:
         self._goals = tuple(goals)
@@ -63,7 +63,7 @@ class History:
         state: ReferenceResult,
         errors: dict[Goal, Floats],
     ) -> None:
-        """Keep what a mesh gave: its estimates, its difference from the one before, its bars."""
+        """Store a mesh's estimates, its differences from the mesh before, and its bars."""
         self.cells.append(current.mesh.num_cells)
         self.unknowns.append(int(fenicsx.total(discrete.num_dofs)))
         self.estimates.append([float(errors[goal].sum()) for goal in self._goals])
@@ -92,13 +92,13 @@ class History:
         self._last = state
 
     def lose_limit(self) -> None:
-        """There is a finer mesh without an equilibrium: nothing has a limit."""
+        """Set all bars to infinity, because a finer mesh has no equilibrium."""
         self.bars[-1] = [math.inf] * len(self._goals)
 
     def needs(self) -> list[float]:
-        """How many times too large each goal's bar is.
+        """Ratio of each goal's bar to its tolerance.
 
-        Where it has none yet, its estimate, or its difference from the mesh before if that is more.
+        A goal without a finite bar has the larger of its estimate and its difference instead.
         """
         rows = zip(
             self._goals, self.bars[-1], self.estimates[-1], self.differences[-1], strict=True
@@ -110,12 +110,12 @@ class History:
         return needs if any(need > 0.0 for need in needs) else [1.0] * len(needs)
 
     def met(self) -> str:
-        """That every bar is small enough, in words; empty where one is not."""
+        """A message if every bar is small enough, else an empty text."""
         pairs = zip(self.bars[-1], self._goals, strict=True)
         return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
 
     def line(self) -> str:
-        """The last mesh in a line of progress."""
+        """A line of progress for the last mesh."""
         said = ", ".join(
             f"{goal.called} {bar:.2g}" for goal, bar in zip(self._goals, self.bars[-1], strict=True)
         )
@@ -127,10 +127,10 @@ class History:
     def result(
         self, state: ReferenceResult, end: str, first: ReferenceResult | None
     ) -> AdaptiveResult:
-        """The last state with everything kept.
+        """The last state with the history of meshes.
 
         Args:
-            state: The last.
+            state: The last state.
             end: Why no finer mesh followed.
             first: See `AdaptiveResult`.
         """
@@ -150,15 +150,15 @@ class History:
         )
 
 
-# Of the estimated error, in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal. 33,
-# 1996). Less makes better meshes in more steps; more makes the steps' rate easier to see.
+# Fraction of the estimated error in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal.
+# 33, 1996). Less gives better meshes in more steps; more gives a rate that is easier to see.
 BULK = 0.6
-# Least stiffness over that at rest, see `least_moduli`, of cells that are still cut, the next where
-# a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved: of confined
-# compression 0.3 becomes 0, and what softens on the way grows by more.
+# Cells below this stiffness over that at rest, see `least_moduli`, are not cut; the next value is
+# taken where a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved:
+# in confined compression 0.3 becomes 0, and strains of softened cells grow by more.
 SOFTENED = (0.35, 0.6, 0.8)
-# Graded meshes are thin where they are fine: their factors are smaller than those of a solid, and
-# Jacobi's smoother slower. 110 000 unknowns of degree 2 on one core: 2 GB.
+# Graded meshes have few fine cells: their factors are smaller than those of uniform meshes, and
+# Jacobi's smoother is slower. 110 000 unknowns of degree 2 on one core take 2 GB.
 LARGEST_DIRECT = 600_000
 # A mesh of c times the cells takes at most about c^1.3 times as long.
 _GROWTH_OF_TIME = 1.3
@@ -180,40 +180,41 @@ def solve_adaptively(
 ) -> AdaptiveResult:
     """Find equilibrium on meshes that are refined where the goals' error comes from.
 
-    Cells are marked by the product of how rough the displacement's gradient is and how rough that
-    of the goals' duals (`recovery`, `duals`). Each mesh begins from the last one's equilibrium.
+    Cells are marked by the product of the gradient errors of the displacement and of the goals'
+    duals (`duals`). Each mesh starts from the equilibrium on the last one.
 
     With Green strain cells that have softened to less than SOFTENED, and their neighbours, are not
-    cut further: at the compressed side of a clamp strains grow without end as cells shrink, and
-    Saint-Venant-Kirchhoff has no resistance left at a stretch of about 0.6, so that the finer mesh
-    would have no equilibrium. What those cells have wrong stays in the estimates, and through them
-    in the bars. Where a mesh has none all the same, fewer cells are cut.
+    cut further: at the compressed side of a clamp strains grow without bound as cells shrink, and
+    Saint-Venant-Kirchhoff loses its resistance at a stretch of about 0.6, so that the finer mesh
+    would have no equilibrium. The error of those cells remains in the estimates, and through them
+    in the bars. Where a mesh has no equilibrium all the same, fewer cells are cut.
 
     Args:
-        problem: On the case's mesh: the body that is solved is this polyhedron.
-        goals: Quantities, each once, with the bars they are to have.
-        budget: What may be spent; half an hour and 8 GB where None.
+        problem: A problem on the case's mesh: the body that is solved is this polyhedron.
+        goals: Quantities, each once, with the largest bars that are allowed.
+        budget: Limits of time, memory and unknowns; half an hour and 8 GB where None.
         strain: Strain measure.
-        degree: Of the displacement, 2 or 3.
+        degree: Polynomial degree of the displacement, 2 or 3.
         formulation: See `solve_static`.
-        relative_tolerance: Likewise.
-        start: Likewise, at the case's points. Where it is given, the first mesh is fine enough for
+        relative_tolerance: See `solve_static`.
+        start: See `solve_static`; at the case's points. If given, the first mesh is fine enough for
             the tools where their paths end, and for the springs: see `first_mesh`.
         progress: Called with one line of text now and then.
 
     Returns:
         The state on the last mesh, at the points and in the cells of the case's, with the bars of
-        the goals, the history of meshes, and why it ended; and the state on the case's mesh.
+        the goals, the history of meshes, and the reason for its end; and the state on the case's
+        mesh.
 
     Raises:
-        InputError: No goals, one twice, the force on tools where there are none, or a problem that
-            cannot be used.
+        InputError: No goals, a goal given twice, the force on tools without tools, or a problem
+            that cannot be used.
         ReferenceNotConvergedError: No equilibrium under the full load on the first mesh.
 
     Note:
-        Bars are of this polyhedron's continuum limit: what the true body's curvature adds is not
-        in them. They are infinite where there is no limit: see `has_limit`, and where a finer
-        mesh has no equilibrium near the coarser one's.
+        Bars are for the continuum limit of this polyhedron, without the geometric error of a curved
+        body. They are infinite where there is no limit, see `has_limit`, and where a finer mesh has
+        no equilibrium near that of the coarser one.
     """
     if degree not in (2, 3):
         raise InputError(f"degree = {degree}: the adaptive truth needs 2 or 3")
@@ -280,7 +281,7 @@ def solve_adaptively(
                 if marked.any()
                 else "what is left of the error is in cells that have softened"
             )
-        # What the next mesh begins from needs no matrix.
+        # The next mesh starts from the displacement and needs no matrix.
         last.destroy()
         gc.collect()
         if end:
@@ -290,10 +291,10 @@ def solve_adaptively(
 
 
 def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[np.bool_]:
-    """Cells to be cut: the bulk of the error, but nothing that has softened, nor beside it."""
+    """Cells to be cut: the bulk of the error, without softened cells and their neighbours."""
     cells = found.problem.mesh.cells
     rest = wrong
-    # Other laws grow stiff in compression.
+    # Other laws stiffen in compression.
     law = found.problem.material.law
     if found.discrete.strain is Strain.GREEN and law.is_linear_in_strain:
         is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
@@ -303,11 +304,11 @@ def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[
 
 
 def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
-    """The fewest cells that have a part of the whole error.
+    """The smallest set of cells that has a given fraction of the total error.
 
     Args:
-        errors: Of each cell, >= 0, shape (num_cells,).
-        part: In (0, 1].
+        errors: Error of each cell, >= 0, shape (num_cells,).
+        part: Fraction in (0, 1].
     """
     order = np.argsort(-errors, kind="stable")
     sums = np.cumsum(errors[order])
@@ -333,7 +334,7 @@ def _guess_from(
 def _on_case(
     state: ReferenceResult, problem: Problem, current: Problem, case_cell: Indices
 ) -> ReferenceResult:
-    """A state on a finer mesh at the points and in the cells of the case's."""
+    """Values of a state on a finer mesh at the points and in the cells of the case's mesh."""
     mesh = current.mesh
     volumes = signed_volumes(mesh.points, mesh.cells)
     num_cells = problem.mesh.num_cells
@@ -355,7 +356,7 @@ def _on_case(
 
 
 def _cell_errors(solved: Solved, goals: Sequence[Goal]) -> dict[Goal, Floats]:
-    """Of each goal its error's parts by cell, relative to the goal's scale [-]."""
+    """Contributions of the cells to each goal's error, relative to the goal's scale [-]."""
     found, discrete = solved.found, solved.discrete
     inside = [
         solved.here(goal.part.is_inside(solved.case_mesh))
@@ -371,7 +372,7 @@ def _cell_errors(solved: Solved, goals: Sequence[Goal]) -> dict[Goal, Floats]:
 
 
 def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:
-    """Each cell's part of all goals' errors, each goal's by how far it is from what is asked."""
+    """Each cell's part of all goals' errors, weighted by the ratios of their bars to tolerances."""
     whole: Floats = sum(
         (
             need * parts / (parts.sum() or 1.0)
@@ -383,7 +384,7 @@ def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:
 
 
 def _memory() -> float:
-    """Most that this process has held so far [GB]; 0 where the system (Windows) does not tell."""
+    """Peak memory of this process so far [GB]; 0 where the system (Windows) does not report it."""
     try:
         import resource
     except ImportError:
@@ -395,9 +396,9 @@ def _memory() -> float:
 def _too_much(
     history: History, refined: LocallyRefined, budget: Budget, spent: float, base: float
 ) -> str:
-    """Why the next mesh is not begun; empty where it is. `base`: held before the first one [GB]."""
+    """Why the next mesh is not begun, or an empty text. `base`: memory before the first [GB]."""
     growth = refined.problem.mesh.num_cells / history.cells[-1]
-    # The first mesh's time may be that of the compiler.
+    # The time on the first mesh may include that of the compiler.
     rate = history.seconds[-1] if len(history.seconds) > 1 else 0.0
     seconds = spent + rate * growth**_GROWTH_OF_TIME
     memory = fenicsx.largest(base + (_memory() - base) * growth)

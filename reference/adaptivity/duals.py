@@ -1,25 +1,25 @@
-"""Duals of the goals, and how rough gradients are: where the goals' errors come from.
+"""Dual solutions of the goals and errors of gradients: where the goals' errors come from.
 
-A dual is what a goal would change by if a force were left over anywhere. R. Becker, R. Rannacher,
+A dual is the change of a goal by a unit residual force at each point. R. Becker, R. Rannacher,
 Acta Numerica 10 (2001) 1-102: the error of a goal J is the residual of the displacement weighted by
-z, K^T z = J'(u). The L2 norm of the displacement stands for every goal that has no derivative of
-its own, and for forces, whose error goes as the energy's; half the square of a norm for the norm
-itself.
+z, K^T z = J'(u). The dual of the L2 norm of the displacement is used for every goal without a
+derivative of its own, and for forces, whose error converges like the energy's; the dual of half the
+square of a norm is used for the norm itself.
 
-How far a displacement is off in L2 is not what its norm is off: an error that is orthogonal to it
-leaves that as it is. It is its part along the error, for which the change since the mesh before
-stands: J(u) = (c, u) / (|c| |u|), in L2 between the case's points, as it is measured.
+The L2 norm of the error of a displacement is not the error of its norm, which an error orthogonal
+to the displacement does not change. It is the component along the error, which is approximated by
+the change c since the mesh before: J(u) = (c, u) / (|c| |u|), in L2 between the case's points.
 
-The largest displacement is that of one point, along itself; the largest difference is that of
-a point which nobody knows before, and is looked for on every mesh: where the displacement is
-largest, where it has moved most since the mesh before, and where its gradient is roughest. The
-force of such a dual is on a single point, over which the discrete one is as smooth as its cells.
+The largest displacement is that of one point, along itself; the largest difference is that of a
+point which is not known in advance and is sought on every mesh: where the displacement is largest,
+where it has changed most since the mesh before, and where the error of its gradient is largest. The
+dual of such a goal has a force on a single point; the discrete dual is smooth over its cells.
 
-How rough a gradient is: its distance from the nearest continuous one. O. C. Zienkiewicz, J. Z. Zhu,
-Int. J. Numer. Methods Eng. 24 (1987) 337-357, with the L2 projection to continuous gradients of
-degree p - 1, which are as good as the gradient itself where the displacement is smooth. Material by
-material, since gradients do jump where materials meet, and part by part, since those of a part's
-dual jump at its border. It asks nothing of loads, supports or tools.
+The error of a gradient is its distance from the nearest continuous one. O. C. Zienkiewicz, J. Z.
+Zhu, Int. J. Numer. Methods Eng. 24 (1987) 337-357, with the L2 projection to continuous gradients
+of degree p - 1, as accurate as the gradient where the displacement is smooth. It is done for each
+material, since gradients jump between materials, and for each part, since the dual of a part has a
+gradient that jumps at its border. It does not depend on loads, supports or tools.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from palpate.reference.linear_solver import LinearSolveError
 from palpate.reference.result import ReferenceResult
 from palpate.reference.statics import Equilibrium
 
-# Of the projection: the errors that it is to show are some per cent.
+# Tolerance of the projection, which is to show errors of some per cent.
 _PROJECTION_TOLERANCE = 1e-6
 
 
@@ -50,7 +50,7 @@ class GradientRecovery:
     """Projects displacement gradients of a discrete problem of degree 2 or 3.
 
     Args:
-        discrete: Whose space and materials.
+        discrete: The discrete problem, whose space and materials are used.
         parts: Each 1 in a part's cells and 0 in the others, dolfinx numbering, (num_cells,).
     """
 
@@ -96,7 +96,7 @@ class GradientRecovery:
             fields: Displacements, flat vectors of the space.
 
         Returns:
-            For each, in the TetMesh's order, the same on all ranks [J^(1/2)], (num_cells,).
+            For each field, in the TetMesh's order, the same on all ranks [J^(1/2)], (num_cells,).
         """
         squared = np.zeros((len(fields), self._num_cells))
         for part in self._parts:
@@ -121,7 +121,7 @@ class GradientRecovery:
         matrix = fenicsx.create_matrix(self._mass)
         fenicsx.assemble_into_matrix(matrix, self._mass)
         diagonal = matrix.getDiagonal()
-        # Nodes that no cell of this material has.
+        # Nodes that belong to no cell of this material.
         diagonal.array[:] = np.where(diagonal.array > 0.0, diagonal.array, 1.0)
         matrix.setDiagonal(diagonal)
         diagonal.destroy()
@@ -147,10 +147,10 @@ class GradientRecovery:
         function.x.scatter_forward()
 
 
-# Weights tell where to refine: three digits are plenty.
+# The duals only weight the refinement: three digits are enough.
 _DUAL_TOLERANCE = 1e-3
-# Rough points looked at, and how rough over the roughest: at the end of a body that is cut at right
-# angles four corners have like errors, and all are refined for at once.
+# Maximum number of points with large gradient errors, and the least error over the largest: at the
+# end of a rectangular bar four corners have similar errors, and all are refined at once.
 _MOST_ROUGHEST, _ALIKE = 4, 0.5
 
 
@@ -164,23 +164,23 @@ class PointValue:
 
 @dataclass(frozen=True)
 class AlongChange:
-    """The displacement's part along how it has changed since the mesh before."""
+    """The component of the displacement along its change since the mesh before."""
 
 
-# A goal's quantity and part, or what is read of the displacement at the case's points.
+# A goal's quantity and part, or a functional of the displacement at the case's points.
 Key = tuple[Quantity, Part | None] | PointValue | AlongChange
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A state that was found, and the case's mesh that it is a refinement of.
+    """An equilibrium on a refinement of the case's mesh.
 
     Attributes:
         found: The equilibrium.
-        state: The same, measured, at the points and in the cells of the case's mesh.
-        before: The state on the mesh before; None on the first one.
-        case_mesh: That mesh.
-        case_cell: Its cell that each cell solved on lies in, shape (num_cells,).
+        state: Its result at the points and in the cells of the case's mesh.
+        before: The result on the mesh before; None on the first one.
+        case_mesh: The case's mesh.
+        case_cell: For each cell the cell of the case's mesh that it lies in, shape (num_cells,).
     """
 
     found: Equilibrium
@@ -208,7 +208,7 @@ class Solved:
         return total
 
     def dx(self, degree: int) -> Any:
-        """The measure of the body's volume with a quadrature of some degree."""
+        """The measure of the body's volume with a quadrature of a degree."""
         mesh = self.discrete.space.transferred.mesh
         return ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
 
@@ -245,8 +245,8 @@ def _stress(solved: Solved, part: Part | None) -> Any:
 def _of_tools(solved: Solved) -> Floats:
     """Derivative of the forces on the tools, each along itself, over the largest [1/m].
 
-    Its dual is what the body does where the tools go on by one metre against those forces, with the
-    points that they hold: the force is the energy's derivative by their poses.
+    Its dual is the displacement by a motion of the tools by one metre against those forces together
+    with the points in contact: the force is the derivative of the energy by the tools' poses.
     """
     discrete, u = solved.discrete, solved.found.displacement
     forces = [np.array(tool.forces[-1]) for tool in solved.state.tools]
@@ -259,7 +259,7 @@ def _of_tools(solved: Solved) -> Floats:
     return gradient
 
 
-# Of a norm, its square.
+# Derivatives of the goals; for a norm that of its square.
 _FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], Any]] = {
     Quantity.DISPLACEMENT_L2: _l2,
     Quantity.VOLUME: _volume,
@@ -269,12 +269,12 @@ _FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], Any]] = {
 
 
 def duals_of(goal: Goal, solved: Solved, rough: Floats) -> list[Key]:
-    """Whose duals stand for a goal; of several, see `worst_of`.
+    """Keys of the duals that are used for a goal; for several duals see `worst_of`.
 
     Args:
         goal: The goal.
         solved: The equilibrium.
-        rough: How rough its gradient is in each cell, see `GradientRecovery`, (num_cells,).
+        rough: Error of its gradient in each cell, see `GradientRecovery`, (num_cells,).
     """
     moved = solved.state.displacement
     largest = int(np.argmax(np.linalg.norm(moved, axis=1)))
@@ -294,17 +294,17 @@ def duals_of(goal: Goal, solved: Solved, rough: Floats) -> list[Key]:
 
 
 def _along(field: Points, point: int) -> PointValue:
-    """The displacement of a point along a field there."""
+    """The displacement of a point along the value of a field there."""
     size = float(np.linalg.norm(field[point]))
     x, y, z = (field[point] / size).tolist() if size > 0.0 else (1.0, 0.0, 0.0)
     return PointValue(point, (x, y, z))
 
 
 def _roughest(solved: Solved, rough: Floats) -> list[int]:
-    """The moving points of the case with the largest errors in cells of their own, and like ones.
+    """The moving points of the case with the largest errors in their cells, or nearly the largest.
 
-    Gradients that are wrong by g over a cell of size h, rough = (mu g^2 h^3)^(1/2), make a
-    displacement wrong by g h.
+    An error g of the gradient over a cell of size h, rough = (mu g^2 h^3)^(1/2), gives an error
+    g h of the displacement.
     """
     mesh = solved.found.problem.mesh
     size = np.cbrt(signed_volumes(mesh.points, mesh.cells))
@@ -319,10 +319,10 @@ def _roughest(solved: Solved, rough: Floats) -> list[int]:
 
 
 def worst_of(errors: Sequence[Floats]) -> Floats:
-    """One error's parts by cell from those of several duals: the largest of their errors.
+    """Contributions of the cells to the largest of the errors that several duals give.
 
-    Each cell's part is the largest that one of them has, and all together are that error, so that
-    what is refined is refined for all.
+    Each cell's contribution is the largest of all duals, scaled so that the sum is the largest
+    error: cells are refined for all duals.
     """
     if len(errors) == 1:
         return errors[0]
@@ -332,7 +332,7 @@ def worst_of(errors: Sequence[Floats]) -> Floats:
 
 
 def _gradient(solved: Solved, key: Key) -> Floats:
-    """Derivative of what a key stands for, relative, by the unknowns of this rank, flat."""
+    """Relative derivative of the functional of a key by the unknowns of this rank, flat."""
     discrete = solved.discrete
     if isinstance(key, PointValue | AlongChange):
         space = discrete.space
@@ -347,7 +347,7 @@ def _gradient(solved: Solved, key: Key) -> Floats:
         return _of_tools(solved)
     functional = _FUNCTIONALS[quantity](solved, part)
     if quantity.is_norm:
-        # Half the square of a norm stands for the norm.
+        # Half the square of a norm is used instead of the norm.
         scale = fenicsx.assemble_scalar(fenicsx.form(functional))
         functional = 0.5 * functional
     else:
@@ -358,7 +358,7 @@ def _gradient(solved: Solved, key: Key) -> Floats:
 
 
 def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
-    """By what a relative number changes with the displacement of each of the case's points."""
+    """Derivative of a relative functional by the displacements of the case's points [1/m]."""
     mesh, moved = solved.case_mesh, solved.state.displacement
     if isinstance(key, PointValue):
         forces = np.zeros_like(moved)
@@ -371,15 +371,15 @@ def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
 def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
     """Dual displacements of relative goals, flat, in the order of the displacement's space [1/N].
 
-    With the tangent that the equilibrium's stability was judged by. Under follower loads it is the
-    last one of Newton's iteration and should be transposed: a weight does not need to be exact.
+    They are solved with the tangent by which stability was tested. Under follower loads it is the
+    last one of Newton's iteration and should be transposed, but a weight need not be exact.
 
     Args:
         solved: The equilibrium.
         keys: See `duals_of`.
 
     Returns:
-        By key; the displacement itself where the tangent cannot be solved with.
+        The dual of each key; the displacement itself where the linear solve fails.
     """
     found, discrete = solved.found, solved.discrete
     duals = {}

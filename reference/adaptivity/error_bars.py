@@ -1,40 +1,39 @@
 """Error bars on the last of a sequence of meshes; no FEniCSx.
 
 Let d_k be the relative difference of a quantity between mesh k - 1 and mesh k, and e_k the
-dual-weighted estimate of its error on mesh k. What is left is at most a geometric series that goes
-on as slowly as either of them says:
+dual-weighted estimate of its error on mesh k. The remaining error is bounded by a geometric series
+with the larger ratio of the two:
 
     ratio = max(e_n / e_(n-1), d_n / d_(n-1), LEAST_RATIO or LEAST_RATIO_OF_NUMBERS)
     bar = SAFETY max(d_n, ratio d_(n-1)) ratio / (1 - ratio)
 
-d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
-before, and the worst point may lie where no cell was cut. For the same reason
-(d_n / d_(n-2))^(1/2) takes the place of d_n / d_(n-1) where d_n is above d_(n-1), if there is a
-d_(n-2). The norm of a difference passes through nothing, but is small too where the cells that
-matter were not cut, as in slender bodies of long cells: there the estimates fall more slowly than
-it did. So beside it d_(n-1) counts by e_n / e_(n-1). The largest displacement is no farther off
-than the displacement at its worst point: where both are asked for, its bar is no larger than that
-one's.
+d_(n-1) is used besides d_n because the difference of a signed number may be small by chance, and
+the point of largest difference may lie where no cell was cut. For the same reason
+(d_n / d_(n-2))^(1/2) replaces d_n / d_(n-1) where d_n is above d_(n-1), if there is a d_(n-2). The
+norm of a difference does not cancel, but it is small too where the relevant cells were not cut, as
+in slender bodies of long cells: there the estimates decrease more slowly than the norm, and
+d_(n-1) is multiplied by e_n / e_(n-1). The error of the largest displacement is at most that of the
+displacement at the worst point: where both bars are requested, its bar is at most the other one.
 
-The area of flat faces changes by what its edges do: its derivative is a line load along each edge,
-whose dual goes as log r. Edges pull both ways, so that differences cancel by chance; and where the
-displacement goes as r^a, at a re-entrant edge, what is left falls as h^a alone, more slowly than
-what went before. The estimates add cells without sign. So the bar of an area is AREA_WIDER times
-what the formula says, or AREA_OF_ESTIMATE e_n where that is less, and never less than it says.
-Where its differences do not settle and its estimates do, it is AREA_OF_ESTIMATE e_n, if that is no
-less than d_n.
+The change of the area of flat faces is determined by their edges: its derivative is a line load
+along each edge, whose dual goes as log r. The contributions of edges have both signs, so that
+differences cancel by chance; and where the displacement goes as r^a, at a re-entrant edge, the
+error falls as h^a alone, more slowly than before. The estimates add cells without sign. So the bar
+of an area is AREA_WIDER times the formula, or AREA_OF_ESTIMATE e_n where that is less, and never
+less than the formula. Where its differences do not settle and its estimates do, it is
+AREA_OF_ESTIMATE e_n, if that is no less than d_n.
 
-LEAST_RATIO is that of smooth displacements, whose gradient, quadratic, is four times better where
-cells are halved; at clamped edges, where it goes as the square root of the distance and the error
-halves, both ratios say so: e_k is by a dual of the quantity's own, or, of the energy and of forces
-through parts, by that of the displacement in L2 (`duals`). All these factors are held against known
-answers by `palpate study calibration`.
+LEAST_RATIO is that of smooth displacements, whose quadratic approximation has a four times smaller
+gradient error where cells are halved; at clamped edges, where the displacement goes as the square
+root of the distance and the error halves, both ratios show this: e_k uses the quantity's own dual,
+or, for the energy and for forces through parts, that of the displacement in L2 (`duals`). All these
+factors are checked against known solutions by `palpate study calibration`.
 
-Numbers with a dual of their own converge, where all is smooth, as the product of two errors of a
-gradient does: h^4. Each mesh has some 3.6 times as many cells as the one before (the middle of the
-open half), so that 3.6^(-4/3) = 0.18 of the error is left; no less than LEAST_RATIO_OF_NUMBERS is
-believed. They may pass by chance through the values of two meshes in a row, and then both
-differences say too little: their bar is at least PART_OF_ESTIMATE e_n.
+Numbers with a dual of their own converge, for smooth solutions, like the product of two gradient
+errors: h^4. Each mesh has about 3.6 times as many cells as the one before (in the middle of the
+calibration's problems that are not set apart), so that 3.6^(-4/3) = 0.18 of the error remains; no
+ratio below LEAST_RATIO_OF_NUMBERS is used. Such a number may pass by chance through its values on
+two meshes in a row, and both differences are too small: its bar is at least PART_OF_ESTIMATE e_n.
 
 Where the ratio is above LARGEST_RATIO nothing can be concluded, and the bar is infinite. Where the
 last two differences are at most NOISE, the bar is SAFETY NOISE.
@@ -53,32 +52,32 @@ LEAST_RATIO = 0.25
 LEAST_RATIO_OF_NUMBERS = 0.2
 LARGEST_RATIO = 0.9
 SAFETY = 1.75
-# On the calibration's problems that are not set apart, areas of clamped and re-entrant bodies are
-# off by 0.36 of their estimate at most, and by 1.25 times what differences say. Three is Roache's
-# factor (below) for grids that tell no rate.
+# On the calibration's problems that are not set apart, errors of areas of clamped and re-entrant
+# bodies are at most 0.36 of their estimate, and 1.25 times the bound by differences. Three is
+# Roache's factor (below) for grids that show no rate.
 AREA_OF_ESTIMATE = 0.5
 AREA_WIDER = 3.0
-# There one number had two small differences in a row; it is off by 0.05 of its estimate.
+# There one number had two small differences in a row; its error is 0.05 of its estimate.
 PART_OF_ESTIMATE = 0.1
-# Of two meshes, whose differences tell no rate: that of clamped edges, and Roache's factor for two
-# grids (ASME J. Fluids Eng. 116, 1994).
+# For two meshes, whose differences show no rate: the ratio of clamped edges, and Roache's factor
+# for two grids (ASME J. Fluids Eng. 116, 1994).
 LEAST_RATIO_OF_TWO = 0.5
 SAFETY_OF_TWO = 3.0
-# Relative: what solves to 1e-10 of the forces may leave in a number.
+# Relative error of a number due to solving to 1e-10 of the forces.
 NOISE = 1e-8
 
 
 def error_bars(
     sequences: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 ) -> dict[str, float]:
-    """Error bars of the quantities of one sequence of meshes; the formulas stand above.
+    """Error bars of the quantities on one sequence of meshes, by the formulas above.
 
     Args:
-        sequences: Differences and estimates by what each is called: a quantity, and where it is of
-            a part of the body "@" and more; see `error_bar`.
+        sequences: Differences and estimates by name: that of a quantity, for a part of the body
+            followed by "@" and a label; see `error_bar`.
 
     Raises:
-        ValueError: A name that begins with no quantity.
+        ValueError: A name does not begin with a quantity.
     """
     kinds = {name: Quantity(name.partition("@")[0]) for name in sequences}
     found = {
@@ -92,10 +91,10 @@ def error_bars(
 
 
 def bar_of(quantity: Quantity, differences: Sequence[float], estimates: Sequence[float]) -> float:
-    """Error bar of a quantity by itself; see `error_bar`, and what stands above.
+    """Error bar of a single quantity, by the rules above; see `error_bar`.
 
     Args:
-        quantity: What.
+        quantity: The quantity.
         differences: Between each mesh and the one before, shape (n,), >= 0.
         estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
     """
@@ -119,16 +118,16 @@ def error_bar(
     is_norm: bool = False,
     least_ratio: float = LEAST_RATIO,
 ) -> float:
-    """Error bar of a quantity on the last mesh of a sequence; the formula stands above.
+    """Error bar of a quantity on the last mesh of a sequence, by the formula above.
 
     Args:
         differences: Between each mesh and the one before, shape (n,), >= 0.
         estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
         is_norm: See `Quantity.is_norm`: the difference before the last counts by the estimates.
-        least_ratio: Of what is left after a mesh over what was before it; none less is believed.
+        least_ratio: Smallest ratio of the error on a mesh to that on the mesh before that is used.
 
     Returns:
-        Relative, >= SAFETY NOISE; infinite for less than three meshes, or where the sequence does
+        Relative, >= SAFETY NOISE; infinite for fewer than three meshes, or where the sequence does
         not settle.
     """
     if len(differences) < 2 or not np.isfinite([*differences, *estimates]).all():
@@ -138,7 +137,7 @@ def error_bar(
         return SAFETY * NOISE
     of_estimates = estimates[-1] / estimates[-2] if estimates[-2] > 0.0 else 0.0
     of_differences = last / before if before > 0.0 else math.inf
-    # A difference that was small by chance says nothing of the rate: the one before does.
+    # A difference that was small by chance gives no rate: the one before it does.
     if len(differences) > 2 and before < last and differences[-3] > 0.0:
         of_differences = math.sqrt(last / differences[-3])
     ratio = max(least_ratio, of_differences, of_estimates)
@@ -149,13 +148,13 @@ def error_bar(
 
 
 def _estimates_settle(differences: Sequence[float], estimates: Sequence[float]) -> bool:
-    """Whether the estimates of three meshes or more tell a rate, where their differences do not."""
+    """Whether the estimates on three or more meshes show a rate, where their differences do not."""
     is_told = len(differences) >= 2 and bool(np.isfinite([*differences, *estimates]).all())
     return is_told and estimates[-1] <= LARGEST_RATIO * estimates[-2]
 
 
 def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
-    """Error bar of a quantity on the finer of two meshes, where a third was not to be had.
+    """Error bar of a quantity on the finer of two meshes, where a third could not be solved.
 
     The formula above with the estimates' ratio alone, LEAST_RATIO_OF_TWO and SAFETY_OF_TWO.
 
@@ -164,7 +163,7 @@ def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
         estimates: Of the error on both, shape (2,), >= 0.
 
     Returns:
-        Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates do not shrink.
+        Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates do not decrease.
     """
     if not np.isfinite([difference, *estimates]).all():
         return math.inf

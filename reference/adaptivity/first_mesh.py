@@ -1,9 +1,9 @@
-"""A first mesh on which tools and springs are seen, from a displacement near the equilibrium.
+"""A first mesh that resolves tools and springs, from a displacement near the equilibrium.
 
-Tools touch the body at nodes. Facets as large as a tool let it in between them: the force is of
-the few nodes that are left, there are several equilibria, and the next, finer mesh has none near
-the coarser one's. A patch of a spring that is smaller than a facet is another patch on the finer
-mesh. Neither is an error that estimates on such a mesh tell.
+Tools touch the body at nodes. A tool as small as a facet enters between its nodes: the force is on
+few nodes, there are several equilibria, and the next, finer mesh has none near that of the coarser
+one. A patch of a spring that is smaller than a facet is a different patch on the finer mesh. The
+error estimates on such a mesh show neither of these errors.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from palpate.meshes.rigid_tool import (
 from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.reference.contact.tool_distance import tool_distance
 
-# Largest circle through the corners of a facet over a round tool's or a spring's radius: then the
-# flat facet is in the tool by at most 1 - (1 - 0.43^2)^(1/2) = 0.1 of that between its corners.
+# Largest radius of a facet's circumcircle over that of a round tool or spring: the flat facet then
+# enters the tool by at most 1 - (1 - 0.43^2)^(1/2) = 0.1 of its radius between the corners.
 _COARSEST = 0.43
-# Facets as near as this may come to touch, of the tool's radius.
+# Facets nearer than this, in units of the tool's radius, may come into contact.
 _NEAR = 0.15
-# Each halves the edges.
+# Each round halves the edges.
 _MOST_ROUNDS = 4
 
 
@@ -39,12 +39,12 @@ def first_mesh(problem: Problem, start: Points) -> tuple[Problem, Points, Indice
     """Cut the cells whose facets are too coarse for what touches them.
 
     Args:
-        problem: On the case's mesh.
+        problem: A problem on the case's mesh.
         start: Displacement near the equilibrium at its points [m], shape (num_points, 3).
 
     Returns:
         The problem on the finer mesh, the displacement at its points, linear in the case's cells,
-        and the cell of the case that each lies in, shape (num_cells,).
+        and for each cell the cell of the case that it lies in, shape (num_cells,).
     """
     case_cell: Indices = np.arange(problem.mesh.num_cells, dtype=np.int32)
     current, moved = problem, np.asarray(start, dtype=np.float64)
@@ -85,7 +85,7 @@ def _too_coarse(problem: Problem, moved: Points) -> NDArray[np.bool_]:
 
 
 def _radius(shape: ToolShape) -> float:
-    """Of the thinnest part that may touch [m]; infinite of what is flat."""
+    """Radius of the thinnest part that may touch [m]; infinite for flat shapes."""
     match shape:
         case SphereShape(radius) | CapsuleShape(radius):
             return radius

@@ -1,7 +1,7 @@
-"""What the truth is asked for, and how far two meshes are apart in it; no FEniCSx.
+"""Goals of the adaptive reference, and differences of two meshes in them; no FEniCSx.
 
-A goal may be of a part of the body: stress in some cells, force through a support or a cut.
-However fine the mesh that was solved on, stress is given by the means of Cauchy's over the cells of
+A goal may be for a part of the body: stress in some cells, force through a support or a cut.
+However fine the solved mesh is, stress is given by the means of Cauchy's stress over the cells of
 the case's mesh, and a force through a cut by those of the first Piola-Kirchhoff stress P, whose
 nodal forces are V P grad N with the linear shape functions N of the case's points.
 """
@@ -23,17 +23,17 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.result import ReferenceResult
 
-# Largest force of a support over the sum of all nodal forces' sizes, below which it is none.
+# Below this fraction of the sum of all nodal forces' sizes the force of a support counts as zero.
 _NO_SUPPORT_FORCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Where on the case's mesh a goal looks.
+    """A part of the case's mesh on which a goal is defined.
 
     Attributes:
-        cells: Whose stress counts, (n,); none for a force.
-        weights: Of a cut, how much of each component of a nodal force counts [-], (num_points, 3).
+        cells: Cells whose stress counts, (n,); none for a force.
+        weights: Weight of each component of a nodal force in a cut [-], (num_points, 3).
         support: Number of the support whose force counts; None for a cut.
     """
 
@@ -49,10 +49,10 @@ class Part:
 
 
 class Quantity(StrEnum):
-    """What of a state has an error bar, relative to its own size or change.
+    """A quantity of a state with an error bar, relative to its own size or change.
 
     TOOL_FORCE is the forces on all tools at the end of their paths, over the largest. The last two
-    are of a part of the body: the L2 norm of Cauchy's stress in it, and the force through it, over
+    are for a part of the body: the L2 norm of Cauchy's stress in it, and the force through it, over
     the largest of a support.
 
     >>> Quantity("volume")
@@ -76,7 +76,7 @@ class Quantity(StrEnum):
 
     @property
     def has_own_dual(self) -> bool:
-        """Whether it is a number, or of single points, whose estimates are by a dual of its own."""
+        """Whether its estimates use its own dual: it is a number, or a value at single points."""
         return self in (
             Quantity.DISPLACEMENT_MAX,
             Quantity.MAX_DISPLACEMENT,
@@ -86,7 +86,7 @@ class Quantity(StrEnum):
 
     @property
     def bounded_by(self) -> Quantity | None:
-        """What is never less far off, if anything is."""
+        """The quantity whose error is an upper bound of this one's, if there is one."""
         return Quantity.DISPLACEMENT_MAX if self is Quantity.MAX_DISPLACEMENT else None
 
 
@@ -95,17 +95,17 @@ OF_PART = frozenset({Quantity.STRESS_L2, Quantity.TRACTION_RESULTANT})
 
 @dataclass(frozen=True)
 class Goal:
-    """A quantity and the error bar it is to have.
+    """A quantity and the error bar that is requested for it.
 
     Args:
-        quantity: What.
-        tolerance: Largest bar that is small enough [-], > 0; infinite where any is.
-        part: Of the case's mesh, where the quantity is of one; else None.
-        name: What it is called in the result: the quantity, and where it is of a part "@" and more;
-            the quantity's own name where empty.
+        quantity: The quantity.
+        tolerance: Largest bar that is small enough [-], > 0; infinite to accept any bar.
+        part: Part of the case's mesh, for quantities of a part; else None.
+        name: Its name in the result: the quantity, followed by "@" and a label for a part; the
+            quantity's own name where empty.
 
     Raises:
-        InputError: A tolerance that is not above 0, a part too many or too few, or a name that does
+        InputError: The tolerance is not above 0, a part is missing or not allowed, or the name does
             not begin with the quantity.
     """
 
@@ -131,15 +131,15 @@ class Goal:
 
 @dataclass(frozen=True)
 class Budget:
-    """What may be spent.
+    """Limits of an adaptive solve: no mesh is begun that would exceed one of them.
 
     Args:
-        seconds: No mesh is begun that would take the whole past this [s], > 0.
-        memory: Nor one that would need more than this [GB], > 0.
-        unknowns: Nor one with more than this, > 0; the same on every machine.
+        seconds: Total time [s], > 0.
+        memory: Memory [GB], > 0.
+        unknowns: Number of unknowns, > 0; independent of the machine.
 
     Raises:
-        InputError: A value that is not above 0.
+        InputError: A value is not above 0.
     """
 
     seconds: float = 1800.0
@@ -155,14 +155,14 @@ class Budget:
 
 
 def has_limit(quantity: Quantity, strain: Strain, *, has_point_forces: bool) -> bool:
-    """Whether a quantity tends to anything as the mesh is refined.
+    """Whether a quantity has a limit as the mesh is refined.
 
     Under a force on a point the displacement grows as 1 / r (Kelvin), and its gradient's square
-    cannot be integrated: with Green strain no solution is known, and in the linear one the place
-    of the force goes to infinity, and the change of volume and area, both nonlinear, with it.
+    cannot be integrated: with Green strain no solution is known; in the linear solution the
+    displacement of that point is infinite, and so are the changes of volume and area with it.
 
     Args:
-        quantity: What.
+        quantity: The quantity.
         strain: Strain measure.
         has_point_forces: Loads on single points, or supports of single points that carry force.
     """
@@ -177,7 +177,7 @@ def has_point_forces(problem: Problem, state: ReferenceResult) -> bool:
         return True
     sizes = np.linalg.norm(state.support_forces, axis=1)
     single = np.array([len(support.facets) == 0 for support in problem.supports], dtype=bool)
-    # What holds a body that balances itself is left with the rounding of a solve.
+    # Supports of a body whose loads balance each other have forces from rounding only.
     scale = max(
         float(sizes.max(initial=0.0)), state.strain_energy / problem.mesh.volume ** (1.0 / 3.0)
     )
@@ -206,7 +206,7 @@ _NO_FORCE = 1e-6
 
 
 def _value(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> Any:
-    """What a quantity is of a state: differences of it are taken."""
+    """Value of a quantity for a state, of which differences are taken."""
     match quantity:
         case Quantity.DISPLACEMENT_L2 | Quantity.DISPLACEMENT_MAX:
             return state.displacement
@@ -225,12 +225,12 @@ def _value(quantity: Quantity, mesh: TetMesh, part: Part | None, state: Referenc
 
 
 def _size(quantity: Quantity, mesh: TetMesh, part: Part | None, value: Any) -> float:
-    """Of a quantity's value, or of a difference of two, >= 0."""
+    """Size of a quantity's value, or of a difference of two values, >= 0."""
     match quantity:
         case Quantity.DISPLACEMENT_L2:
             return l2_norm(mesh, value)
         case Quantity.STRESS_L2:
-            # Along the axes of space, so that a difference in how far a cell is turned counts too.
+            # Components along fixed axes, so that different rotations of a cell count too.
             assert part is not None
             volumes = signed_volumes(mesh.points, mesh.cells)[part.cells]
             return math.sqrt(float(volumes @ np.einsum("cij,cij->c", value, value)))
@@ -240,13 +240,13 @@ def _size(quantity: Quantity, mesh: TetMesh, part: Part | None, value: Any) -> f
 
 
 def scale_of(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> float:
-    """What a difference of a quantity counts over.
+    """The scale by which a difference of a quantity is divided.
 
     Args:
-        quantity: Which.
-        mesh: That of the case.
+        quantity: The quantity.
+        mesh: The case's mesh.
         part: See `Goal`.
-        state: The better one of two.
+        state: The more accurate of the two states.
 
     Returns:
         The size of its value, or of its change, or of the largest force of a support: 1 N where
@@ -269,16 +269,16 @@ def _largest(rows: Points) -> float:
 
 
 def difference(goal: Goal, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> float:
-    """How far two states at the points of one mesh are apart, over the size of the finer's [-].
+    """Relative difference of two states at the points of one mesh, over the finer one's scale [-].
 
     Args:
-        goal: In what.
-        mesh: At whose points both displacements are.
-        fine: The better one.
-        coarse: The other.
+        goal: The goal whose quantity is compared.
+        mesh: The mesh of both displacements.
+        fine: The more accurate state.
+        coarse: The other state.
 
     Returns:
-        At least 0; 0 where both are nothing, infinite where the better one alone is.
+        At least 0; 0 where both are zero, infinite where only the more accurate one is.
     """
     quantity, part = goal.quantity, goal.part
     own, other = (_value(quantity, mesh, part, state) for state in (fine, coarse))

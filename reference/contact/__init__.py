@@ -1,1 +1,1 @@
-"""Rigid tools pressed into the body."""
+"""Contact of the body with rigid tools."""

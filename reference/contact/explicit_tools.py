@@ -1,16 +1,16 @@
-"""Rigid tools in explicit steps: multipliers that end the step ahead on the tool.
+"""Rigid tools in explicit steps: contact forces that leave nodes on the tool after the step.
 
-A node that a step would leave inside a tool gets the force that leaves it on the surface instead.
-With lumped mass the multipliers do not know of each other, and each is had in closed form:
+A node that would be inside a tool after a step gets the force that leaves it on the surface
+instead. With lumped mass the multipliers are independent, and each has a closed form:
 
     p = -g / (n . W n),   correction W n p,   W = dt^2 / (m (1 + lambda dt / 2))
 
-with the gap g and the normal n where the node would have ended, W = 0 along fixed components. N. J.
+with the gap g and the normal n at the position without contact, W = 0 along fixed components. N. J.
 Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
 contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
 
-Friction is what takes away the way s that the node, so put onto the tool, has gone along it in the
-step: -W^-1 s, or mu |p n| along that where it is less.
+Friction is the force -W^-1 s that cancels the sliding s of the node along the tool in the step, or
+mu |p n| in that direction where it is less.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from palpate.reference.contact.tool_contact import find_contact_points
 from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
-# A node with fixed components leaves the tool along another line than its normal, in some goes.
+# A node with fixed components leaves the tool along another line than its normal: iterations.
 _MOST_CORRECTIONS = 6
 
 
@@ -34,13 +34,13 @@ class SteppedTools:
     """The tools of one explicit run.
 
     Args:
-        problem: With its tools.
-        space: Of degree 1.
+        problem: The problem with its tools.
+        space: Displacement space of degree 1.
         held: Degrees of freedom that are fixed, shape (n,).
-        mobility: W above, of every degree of freedom [m/N], flat.
+        mobility: W above, for every degree of freedom [m/N], flat.
 
     Raises:
-        InputError: A tool that is driven by a force, or inside the body at the start.
+        InputError: A tool is driven by a force, or inside the body at the start.
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class SteppedTools:
             tool.see(displacement, 0.0)
 
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
-        """A displacement at the end of a step with no node inside a tool, one tool after the other.
+        """Move the nodes out of the tools at the end of a step, one tool after the other.
 
         Args:
-            now: At the start of the step, flat [m].
-            ahead: At its end, without the tools.
-            time: Of its end [s].
-            dt: Its length [s].
+            now: Displacement at the start of the step, flat [m].
+            ahead: Displacement at its end, without the tools [m].
+            time: Time at its end [s].
+            dt: Length of the step [s].
         """
         self._steps += 1
         for tool in self._tools:
@@ -79,7 +79,7 @@ class SteppedTools:
         return ahead
 
     def mean_forces(self) -> Points:
-        """On each tool since this was last asked [N], shape (num_tools, 3)."""
+        """Mean force on each tool since the last call [N], shape (num_tools, 3)."""
         sums = np.array([tool.sum_of_forces for tool in self._tools]).reshape(-1, 3)
         means: Points = fenicsx.total(sums) / max(self._steps, 1)
         self._steps = 0
@@ -107,7 +107,7 @@ class _SteppedTool:
         self.sum_of_forces = np.zeros(3)
 
     def see(self, displacement: Floats, time: float) -> None:
-        """Remember where the nodes are beside a box, for the next step's way into it."""
+        """Store the positions of nodes near a box, from which the next step may enter it."""
         if isinstance(self._tool.shape, BoxShape):
             position, rotation = self._tool.path.pose_at(time)
             local = (self._points.places(displacement) - position) @ rotation
@@ -158,15 +158,15 @@ class _SteppedTool:
         time: float,
         dt: float,
     ) -> Points:
-        """Friction on nodes that go from positions to others in a step [N], shape (n, 3).
+        """Friction on nodes that move from one position to another in a step [N], shape (n, 3).
 
         Args:
-            before: Where they come from [m], shape (n, 3).
-            places: Where the pushes put them [m].
-            pushes: By the tool [N]; those of 0 drag nothing.
-            normals: Of the tool where it pushes [-], else 0.
-            time: Of the end of the step [s].
-            dt: Its length [s].
+            before: Positions at the start of the step [m], shape (n, 3).
+            places: Positions after the contact forces [m], shape (n, 3).
+            pushes: Contact forces by the tool [N]; without one there is no friction.
+            normals: Normals of the tool in contact [-], else 0.
+            time: Time at the end of the step [s].
+            dt: Length of the step [s].
         """
         old, turned = self._tool.path.pose_at(time - dt)
         position, rotation = self._tool.path.pose_at(time)

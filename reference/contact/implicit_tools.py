@@ -1,24 +1,24 @@
 """Rigid tools in implicit steps: no node inside a tool at the end of a step.
 
-The force that keeps it out is one over the whole step, as a multiplier of the constraint
+The contact force is constant over the step, as a multiplier of the constraint
 
     g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
 
-at the nodes (`tool_contact`), beside forces and inertia balanced within the step; and so does what
-drags a node along the tool, at most mu t, against its slip over the step. A multiplier may swing
-from step to step; what is reported of a tool is its impulse over the time from output to output.
-Forces are balanced at a time within the step, not in its middle; a step's impulse is taken between
-its own force and the one before, or it would be of another time by a part of the step.
+at the nodes (`tool_contact`), while forces and inertia are balanced within the step; so is friction
+of at most mu t, against the sliding of a node along the tool over the step. A multiplier may
+oscillate from step to step; the reported force on a tool is its impulse over the time between two
+outputs. Forces are balanced at a time within the step, not at its middle; the impulse of a step is
+therefore interpolated between its own force and the one before.
 
-Of a tool that a force drives, how far it is along its line is one more unknown:
+For a tool driven by a force, its position along its line is one more unknown:
 
     m s'' = F(t) + d . R,    the tool at its first pose, s d further on
 
-with R what the body puts on it, by the formulas of the body (`dynamics`) and together with it: with
-K its tangent, of which K_c is the tools', a Newton step solves
+with R the force of the body on it, integrated like the body (`dynamics`) and together with it: with
+K the body's tangent, of which K_c is the part of the tools, a Newton step solves
 
-    | K        -K_c d           | |du|   |what the body is out of balance|
-    | -d K_c   m f + d . K_c d  | |ds| = |what the tool is               |
+    | K        -K_c d           | |du|   |residual of the body|
+    | -d K_c   m f + d . K_c d  | |ds| = |residual of the tool|
 
 where f is the factor of the mass in K.
 """
@@ -38,16 +38,16 @@ from palpate.reference.contact.tool_contact import HeldNodes, ToolContact, creat
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.schemes import AlphaMethod, State, stencil_of
 
-# Of the force along a step, what may be left at its end.
+# The force along a step at its end may be this fraction of that at its start.
 _NEARLY = 0.5
 _MOST_TRIALS = 6
 
 
 def step_length(along: Callable[[float], float | None], first: float) -> float:
-    """The part of a step after which the balance of forces along it is nearly met, at most 1.
+    """Fraction of a step, at most 1, at which the forces along it are nearly in balance.
 
     Args:
-        along: What is out of balance along the step after a part of it [J]; None where a cell
+        along: Returns the residual force along the step at a fraction of it [J]; None where a cell
             would be inverted.
         first: The same at its start.
     """
@@ -68,13 +68,13 @@ class DrivenTool:
     """One tool in motion along its line, from rest.
 
     Args:
-        contact: Of a tool that is driven by a force.
+        contact: Contact of a tool that is driven by a force.
 
     Attributes:
-        contact: Where the tool is.
-        direction: Of its line [-], shape (3,).
-        mass: [kg].
-        way: At the end of the step in hand [m].
+        contact: Contact of the tool at its present position.
+        direction: Direction of its line [-], shape (3,).
+        mass: Mass of the tool [kg].
+        way: Distance along its line at the end of the current step [m].
     """
 
     def __init__(self, contact: ToolContact) -> None:
@@ -91,25 +91,25 @@ class DrivenTool:
         return self._drive.force * self._drive.amplitude(time)
 
     def begin_step(self, time: float, dt: float, method: AlphaMethod) -> None:
-        """Go on from the end of the last step, by a guess; arguments as of `Motion.step`."""
+        """Predict the position at the end of the next step; for arguments see `Motion.step`."""
         state = self._state
         self._stencil = stencil_of(method, state, dt)
         self._pushed = self._push(time + (1.0 - method.alpha_f) * dt)
         self.go_to(float((state.u + dt * state.v + 0.5 * dt**2 * state.a)[0]))
 
     def go_to(self, way: float) -> None:
-        """Put the tool so far along its line [m]."""
+        """Move the tool to a distance along its line [m]."""
         self.way = way
         self.contact.move(way)
 
     def lacking(self, displacement: Floats) -> tuple[float, float]:
-        """The force that is out of balance, and the largest of those in it [N]."""
+        """The residual force, and the largest of its terms [N]."""
         felt = float(self.contact.state(displacement).force @ self.direction)
         inertia = self.mass * float(self._stencil.acceleration(np.array([self.way]))[0])
         return self._pushed + felt - inertia, max(abs(self._pushed), abs(felt), abs(inertia))
 
     def stiffness(self, displacement: Floats) -> tuple[Floats, float]:
-        """K_c d of the body's unknowns, flat, and m f + d . K_c d [N/m]."""
+        """K_c d for the body's unknowns, flat, and m f + d . K_c d [N/m]."""
         coupling = self.contact.derivative_of_force(displacement, self.direction)
         own = float(fenicsx.total(float(coupling.reshape(-1, 3).sum(axis=0) @ self.direction)))
         return coupling, self.mass * self._stencil.A + own
@@ -117,16 +117,16 @@ class DrivenTool:
     def end_step(
         self, held: HeldNodes, v: Points, a: Points, inertia: Callable[[Points], Floats]
     ) -> tuple[Points, Points]:
-        """Go on from a step that is done, the nodes that the tool holds as fast as it.
+        """Finish a step; the nodes in contact take the velocity of the tool.
 
         Args:
-            held: Those nodes.
+            held: The nodes in contact.
             v: Velocity of all nodes [m/s], shape (num_blocks, 3).
-            a: Acceleration [m/s2], likewise.
-            inertia: What a field like these makes of the mass matrix, summed, shape (3,).
+            a: Acceleration of all nodes [m/s2], shape (num_blocks, 3).
+            inertia: Returns the sum of the mass matrix times such a field, shape (3,).
 
         Returns:
-            Changes of the two that leave the momentum of tool and body what it was.
+            Changes of the two that conserve the momentum of tool and body.
         """
         still = np.zeros_like(held.normals)
         carried = held.change(np.zeros_like(v), still + self.direction)
@@ -143,14 +143,14 @@ class DrivenTool:
         return changes[0], changes[1]
 
 
-# The multipliers carry all but this many times the tolerance of the forces on tools.
+# The multipliers contain the forces on tools except for this many times the tolerance.
 _OVER_TOLERANCE = 100.0
-# Multipliers are taken over where the rest of the step is balanced to this part.
+# Multipliers are updated when the relative residual of the step is below this.
 _ROUGH = 1e-2
-# With friction: before that what sticks and what slips is not known.
+# The same with friction: above this it is not known which nodes stick and which slip.
 _BALANCED = 1e-5
-# With friction the multipliers carry all but this at best: which way a node that hardly slips is
-# dragged settles ever more slowly, and by so little work.
+# With friction the multipliers contain the forces except for this at best: the direction of
+# friction on a node that hardly slips converges ever more slowly, with hardly any work.
 _OF_DRAG = 1e-6
 
 
@@ -158,13 +158,13 @@ class ImplicitTools:
     """The tools of one implicit run.
 
     Args:
-        problem: With its tools.
+        problem: The problem with its tools.
         space: Displacement space.
         held: Degrees of freedom that are fixed, shape (n,).
         tolerance: Relative residual of a step [-].
 
     Attributes:
-        driven: Those that a force drives.
+        driven: The tools that are driven by a force.
     """
 
     def __init__(
@@ -197,13 +197,13 @@ class ImplicitTools:
             contact.keep(displacement)
 
     def begin_step(self, time: float, dt: float, method: AlphaMethod, mass_factor: float) -> None:
-        """Put the tools where they are at the end of a step, with what pressed in the last.
+        """Move the tools to the end of a step, with the multipliers of the last step.
 
         Args:
-            time: At its start [s].
-            dt: Its length [s].
-            method: Of the step.
-            mass_factor: Of the mass in the step's tangent [1/s2].
+            time: Time at its start [s].
+            dt: Length of the step [s].
+            method: Parameters of the time integration.
+            mass_factor: Factor of the mass in the step's tangent [1/s2].
         """
         for contact in self._contacts:
             contact.stiffen(mass_factor * self._density)
@@ -214,21 +214,21 @@ class ImplicitTools:
 
     @property
     def ways(self) -> Floats:
-        """How far the driven tools are along their lines [m], shape (num_driven,)."""
+        """Distances of the driven tools along their lines [m], shape (num_driven,)."""
         return np.array([tool.way for tool in self.driven])
 
     def go_to(self, ways: Floats) -> None:
-        """Put the driven tools so far along their lines [m]."""
+        """Move the driven tools to distances along their lines [m]."""
         for tool, way in zip(self.driven, ways, strict=True):
             tool.go_to(float(way))
 
     def lacking(self, displacement: Floats) -> tuple[Floats, Floats]:
-        """What the driven tools are out of balance by, and the forces it is part of [N]."""
+        """Residual forces on the driven tools, and the largest of their terms [N]."""
         both = np.array([tool.lacking(displacement) for tool in self.driven]).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
     def are_balanced(self, displacement: Floats, tolerance: float, rounding: float) -> bool:
-        """Whether the driven tools are, but for a part of their forces, or for so many newtons."""
+        """Whether the driven tools are in balance, to a relative tolerance or a rounding [N]."""
         lacking, forces = self.lacking(displacement)
         return bool((np.abs(lacking) <= tolerance * forces + rounding).all())
 
@@ -240,16 +240,16 @@ class ImplicitTools:
         *,
         is_fresh: bool,
     ) -> tuple[Floats, Floats]:
-        """A Newton step of body and driven tools (`driven_motion`).
+        """A Newton step of body and driven tools, by the equations above.
 
         Args:
-            solve: By the body's tangent, flat, which may be asked for as it is now.
-            displacement: Where the step begins, flat [m].
-            residual: Of the body there, flat [N].
-            is_fresh: Whether the tangent is to be as it is now.
+            solve: Solves with the body's tangent, flat, which may be updated first.
+            displacement: Displacement at the start of the step, flat [m].
+            residual: Residual of the body there, flat [N].
+            is_fresh: Whether the tangent is to be updated.
 
         Returns:
-            The step of the body, flat, and of the ways [m], shape (num_driven,).
+            The step of the body, flat, and of the tools' distances [m], shape (num_driven,).
         """
         du = solve(residual, is_fresh=is_fresh)
         if not self.driven:
@@ -273,21 +273,22 @@ class ImplicitTools:
         late: float,
         momentum: Callable[[Floats, Floats], Floats],
     ) -> tuple[Floats, Floats]:
-        """Go on from a step that is done.
+        """Finish a step that has converged.
 
         Args:
-            displacement: At its end [m], flat.
-            velocity: By Newmark's formulas [m/s], flat.
-            acceleration: Likewise [m/s2].
-            dt: Its length [s].
-            late: How far beyond its middle forces are balanced, in its length [-].
-            momentum: What the body's momentum gains by changes of velocity and acceleration
-                [N s], flat.
+            displacement: Displacement at its end [m], flat.
+            velocity: Velocity by Newmark's formulas [m/s], flat.
+            acceleration: Acceleration by Newmark's formulas [m/s2], flat.
+            dt: Length of the step [s].
+            late: Time from its middle to the balance of forces, over its length [-].
+            momentum: Returns the change of the body's momentum by changes of velocity and
+                acceleration [N s], flat.
 
         Returns:
-            Velocity and acceleration, with those of the nodes that a tool holds: along its normal,
-            and altogether where they stick. Newmark's would have a node that was caught swing about
-            the tool's velocity, and leave it again. What the body gains by that the tool gave.
+            Velocity and acceleration, where nodes in contact have those of the tool along its
+            normal, and in all directions where they stick. By Newmark's formulas the velocity of
+            such a node would oscillate about the tool's, and the node would leave it again. The
+            momentum that the body gains by this is added to the impulse of the tool.
         """
         v, a = velocity.reshape(-1, 3).copy(), acceleration.reshape(-1, 3).copy()
 
@@ -315,7 +316,7 @@ class ImplicitTools:
         return v.ravel(), a.ravel()
 
     def _free(self, change: Points) -> Points:
-        """Without what supports hold, shape (num_blocks, 3)."""
+        """A change of nodal values without fixed components, shape (num_blocks, 3)."""
         change.reshape(-1)[self._held] = 0.0
         return change
 
@@ -332,10 +333,10 @@ class ImplicitTools:
             contact.add_tangent(matrix, displacement)
 
     def settle(self, displacement: Floats, relative_residual: float) -> bool:
-        """Take the forces over as multipliers where the step is nearly in balance.
+        """Update the multipliers by the contact forces where the step is nearly in balance.
 
         Returns:
-            Whether they carry the forces, so that the step may end once it is balanced.
+            Whether they contain the forces, so that the step may end once it is balanced.
         """
         if not self._contacts:
             return True
@@ -350,10 +351,10 @@ class ImplicitTools:
         return not any(slid) and all(change <= self._carried * whole for change, whole in changes)
 
     def mean_forces(self, duration: float) -> Points:
-        """On each tool since this was last asked [N], shape (num_tools, 3).
+        """Mean force on each tool since the last call [N], shape (num_tools, 3).
 
         Args:
-            duration: Time since then [s]; at the start 0, when nothing was felt.
+            duration: Time since the last call [s]; 0 at the start, where forces are zero.
         """
         means: Points = self._impulses / duration if duration else self._impulses
         self._impulses = np.zeros_like(means)

@@ -5,29 +5,28 @@ multiplier p per rest area at every contact node:
 
     t = max(0, p - k g),   virtual work on the body = sum over nodes of area t n . v
 
-an Uzawa step takes p = t at equilibrium, until the forces stay the same; then g >= 0, t >= 0,
+an Uzawa step sets p = t at equilibrium, until the forces no longer change; then g >= 0, t >= 0,
 t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
 problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
 Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
 
-Contact is looked for at nodes of the boundary. The area of one is the integral of its shape
-function over the contact facets: a quadrature of the facets that is exact to the degree of the
-displacement and holds no more constraints than the surface has nodes (Gauss points on a curved tool
-do, and lock). Degree 1: the vertices, a third of each facet, the discrete problem of linear
-simulators. Degree 2: the middles of the edges, a third of each facet; nothing at the vertices,
-which follow.
+Contact is tested at nodes of the boundary. The area of a node is the integral of its shape function
+over the contact facets: a quadrature of the facets that is exact to the degree of the displacement
+and has no more constraints than the surface has nodes (Gauss points on a curved tool have more, and
+lock). Degree 1: the vertices, a third of each facet, the discrete problem of linear simulators.
+Degree 2: the midpoints of the edges, a third of each facet; the vertices have no area.
 
-Friction: with the way s of a node along the tool since the last equilibrium, seen from the tool,
-the normal n, and a multiplier q per rest area:
+Friction: with the displacement s of a node along the tool since the last equilibrium, relative to
+the tool, the normal n, and a multiplier q per rest area:
 
     trial = q - k s,   t = trial where |trial| <= mu p, else mu p trial / |trial|
 
-so that a node slips, against its drag, where it would take more than mu p to hold it. In motion the
-way is that of one step: its drag is that at the step's end (backward Euler). The bound is of the
-multiplier p, not of the pressure of the iterate, and both are taken over after each
-equilibrium: the tangent stays symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of
-Coulomb frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108
-(1993) 133-146), and what it settles to is Coulomb's law with the pressure itself.
+so that a node slips against friction where more than mu p would be needed for it to stick. In
+motion s is that of one step: friction is that at the step's end (backward Euler). The bound uses
+the multiplier p, not the pressure of the iterate, and both are updated after each equilibrium: the
+tangent remains symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of Coulomb
+frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108 (1993)
+133-146), and the limit is Coulomb's law with the pressure itself.
 """
 
 from __future__ import annotations
@@ -55,10 +54,10 @@ class ContactPoints:
     """Nodes of the surface that may touch a tool.
 
     Attributes:
-        nodes: Blocked dofs, of this rank's own, shape (n,).
-        dofs: Where their displacements stand in a flat vector of all unknowns, shape (n, 3).
+        nodes: Blocked dofs that this rank owns, shape (n,).
+        dofs: Indices of their displacements in a flat vector of all unknowns, shape (n, 3).
         rest: Rest positions [m], shape (n, 3).
-        areas: Part of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
+        areas: Part of the rest area [m2], shape (n,), >= 0; 0 only for nodes without a constraint.
         facet_size: Root of twice the mean facet area [m].
     """
 
@@ -69,7 +68,7 @@ class ContactPoints:
     facet_size: float
 
     def places(self, displacement: Floats) -> Points:
-        """Where the nodes are under a flat vector of all unknowns [m], shape (n, 3)."""
+        """Deformed positions of the nodes for a flat vector of all unknowns [m], shape (n, 3)."""
         placed: Points = self.rest + displacement[self.dofs]
         return placed
 
@@ -79,19 +78,19 @@ def find_contact_points(
 ) -> ContactPoints:
     """Collect the nodes of the facets that may touch a tool.
 
-    A node that is held along all three axes takes no part.
+    Nodes that are fixed along all three axes are left out.
 
     Args:
         space: Displacement space.
-        facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
+        facets: Facets by the mesh's points, shape (m, 3); empty is the whole boundary.
         held: Degrees of freedom of the displacement that are fixed, shape (n,).
-        numbers: Where displacements stand among all unknowns, shape (at least 3 num_blocks,); None
-            where there are no others.
+        numbers: Indices of displacements among all unknowns, shape (at least 3 num_blocks,); None
+            where there are no other unknowns.
     """
     source = space.transferred.source
     chosen = facets if len(facets) else source.boundary_facets
     v = ufl.TestFunction(space.space)
-    # The form of any traction: nothing more to compile.
+    # The same form as for any traction, so that nothing more is compiled.
     work = traction_work(space, Traction(chosen, (1.0, 1.0, 1.0)), v, "a tool")
     nodal = fenicsx.assemble_vector(fenicsx.form(work))[::3]
     corners = source.points[chosen]
@@ -102,7 +101,7 @@ def find_contact_points(
     nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
     nodes = nodes[nodes < space.num_blocks]
     nodes = nodes[np.bincount(held // 3, minlength=space.num_blocks)[nodes] < 3]
-    # Of degree 2 the shape functions of vertices integrate to rounding errors.
+    # For degree 2 the shape functions of vertices integrate to rounding errors.
     least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
     areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
     dofs = 3 * nodes[:, None] + np.arange(3, dtype=np.int32)
@@ -114,13 +113,13 @@ def find_contact_points(
 
 @dataclass(frozen=True, eq=False)
 class Drag:
-    """What friction does to n nodes.
+    """Friction on n nodes.
 
     Attributes:
-        traction: On the body by rest area [Pa], shape (n, 3).
+        traction: Traction on the body per rest area [Pa], shape (n, 3).
         stiffness: Minus its derivative by the node's position, at this normal and bound [Pa/m],
             shape (n, 3, 3), symmetric.
-        sticks: Whether a pressed node is held by less than the bound, shape (n,).
+        sticks: Whether a pressed node has friction below the bound, shape (n,).
     """
 
     traction: Points
@@ -129,7 +128,7 @@ class Drag:
 
 
 class Friction:
-    """Multipliers of friction, and where on the tool each node is held.
+    """Multipliers of friction, and the position on the tool at which each node sticks.
 
     Args:
         coefficient: Coulomb's mu [-], >= 0.
@@ -138,30 +137,30 @@ class Friction:
 
     def __init__(self, coefficient: float, count: int) -> None:
         self.coefficient = coefficient
-        # In the tool's frame, with which they turn.
+        # Multipliers and positions are in the tool's frame, with which they rotate.
         self._multiplier: Points = np.zeros((count, 3))
         self._kept: Points = self._multiplier
         self._held_at: Points = np.zeros((count, 3))
 
     def keep(self, local: Points) -> None:
-        """Go on from an equilibrium with the nodes at these positions in the tool's frame [m]."""
+        """Accept an equilibrium with the nodes at these positions in the tool's frame [m]."""
         self._kept, self._held_at = self._multiplier, local
 
     def go_back(self) -> None:
-        """Begin anew from the last equilibrium that was kept."""
+        """Begin anew from the last accepted equilibrium."""
         self._multiplier = self._kept
 
     def let_go(self, which: NDArray[np.bool_]) -> None:
-        """Forget the drag on some nodes, shape (n,)."""
+        """Remove the friction on some nodes, shape (n,)."""
         self._multiplier = np.where(which[:, None], 0.0, self._multiplier)
 
     def carried(self, rotation: Floats) -> Points:
-        """What the multipliers stand for in space [Pa], shape (n, 3)."""
+        """The multipliers in the global frame [Pa], shape (n, 3)."""
         carried: Points = self._multiplier @ rotation.T
         return carried
 
     def take_over(self, traction: Points, rotation: Floats) -> None:
-        """Take tractions in space as the new multipliers [Pa], shape (n, 3)."""
+        """Set the multipliers to tractions in the global frame [Pa], shape (n, 3)."""
         self._multiplier = traction @ rotation
 
     def drag(
@@ -170,10 +169,10 @@ class Friction:
         """Friction at positions in the tool's frame.
 
         Args:
-            local: [m], shape (n, 3).
-            rotation: From the tool's frame to space, shape (3, 3).
-            normal: Of the tool in space [-], shape (n, 3).
-            pressure: Multipliers of contact, which bound it [Pa], shape (n,).
+            local: Positions [m], shape (n, 3).
+            rotation: From the tool's frame to the global one, shape (3, 3).
+            normal: Normals of the tool in the global frame [-], shape (n, 3).
+            pressure: Multipliers of contact, which bound friction [Pa], shape (n,).
             penalty: k [Pa/m].
         """
         count = len(local)
@@ -191,15 +190,15 @@ class Friction:
         return Drag(part[:, None] * trial, stiffness, ~slips & (bound > 0.0))
 
 
-# Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
-# penetration, and the tangent's condition is no worse by more than that.
+# Penalty times the facet size over Young's modulus: an Uzawa step leaves about a hundredth of the
+# penetration, and the condition number of the tangent grows by about a hundred at most.
 _STIFFNESS_RATIO = 100.0
-# Nodes of another simulator's body are as near to what they touch, of a facet.
+# Nodes of another simulator's solution are in contact nearer than this, in units of facet size.
 _TOUCHES = 0.02
-# Of a distance, in units of the coordinates' own.
+# Rounding error of a distance, in units of the coordinates' own.
 _ROUNDINGS = 16.0
-# In motion friction's penalty over that of contact: what sticks is another part of the surface from
-# step to step, and a stiffer one holds up Newton's method at every node that begins to slip.
+# Penalty of friction over that of contact in motion: the sticking part of the surface changes from
+# step to step, and a larger penalty slows Newton's method at every node that begins to slip.
 _SOFT_DRAG = 0.1
 
 
@@ -222,13 +221,13 @@ class ToolState:
 
 @dataclass(frozen=True, eq=False)
 class HeldNodes:
-    """Nodes that a tool holds, along its normal or, where they stick to it, altogether.
+    """Nodes that move with a tool along its normal or, where they stick to it, in all directions.
 
     Attributes:
         nodes: Blocked dofs, shape (n,).
-        normals: Of the tool there [-], shape (n, 3).
-        velocities: Of the tool there, mean over the last step [m/s], shape (n, 3).
-        sticks: Whether friction holds them too, shape (n,).
+        normals: Normals of the tool there [-], shape (n, 3).
+        velocities: Velocities of the tool there, mean over the last step [m/s], shape (n, 3).
+        sticks: Whether the nodes stick, shape (n,).
     """
 
     nodes: Indices
@@ -237,11 +236,11 @@ class HeldNodes:
     sticks: NDArray[np.bool_]
 
     def change(self, field: Points, wanted: Points) -> Points:
-        """What takes a field of all nodes to one where they are held, shape (num_blocks, 3).
+        """Change of a field by which these nodes get the tool's values, shape (num_blocks, 3).
 
         Args:
             field: Velocity or acceleration, shape (num_blocks, 3).
-            wanted: The same of the tool at the held nodes, shape (n, 3).
+            wanted: Velocity or acceleration of the tool at these nodes, shape (n, 3).
         """
         own, normals = field[self.nodes], self.normals
         lacking = np.sum(wanted * normals, axis=1) - np.sum(own * normals, axis=1)
@@ -252,18 +251,18 @@ class HeldNodes:
 
 
 class ToolContact:
-    """One tool against the body.
+    """Contact of the body with one tool.
 
     Args:
         space: Displacement space.
-        tool: Shape and path.
+        tool: Shape and path of the tool.
         held: Degrees of freedom of the displacement that are fixed, shape (n,).
-        youngs_modulus: Largest of the body [Pa].
-        numbers: Where displacements stand among all unknowns, see `find_contact_points`.
-        num_dofs: Of all unknowns that this rank owns.
+        youngs_modulus: Largest Young's modulus of the body [Pa].
+        numbers: Indices of displacements among all unknowns, see `find_contact_points`.
+        num_dofs: Number of all unknowns that this rank owns.
 
     Raises:
-        InputError: Contact facets inside the body.
+        InputError: Contact facets are inside the body.
     """
 
     def __init__(
@@ -280,7 +279,7 @@ class ToolContact:
         self.points = find_contact_points(space, tool.contact_facets, held, numbers)
         self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
-        # A tool that just touches must not press by roundings.
+        # A tool that just touches the body must not press on it by rounding errors.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
@@ -292,7 +291,7 @@ class ToolContact:
         self.require_known_shape()
 
     def begin(self) -> None:
-        """Put the tool where its path begins, pressing nothing yet."""
+        """Move the tool to the beginning of its path, with multipliers of zero."""
         self.weigh(1.0)
         self.set_time(float(self.tool.path.times[0]))
         self.pressure = np.zeros(len(self.points.areas))
@@ -303,7 +302,7 @@ class ToolContact:
         self._distance(np.zeros(self._num_dofs))
 
     def held_nodes(self, displacement: Floats, dt: float) -> HeldNodes:
-        """Nodes that the tool holds at the end of a step of dt [s]."""
+        """Nodes that move with the tool at the end of a step of dt [s]."""
         distance = self._distance(displacement)
         sticks = self._dragged(displacement, distance).sticks
         rows = np.flatnonzero(self.points.areas * self._tractions(distance) > 0.0)
@@ -315,29 +314,29 @@ class ToolContact:
 
     @property
     def forgets_its_way(self) -> bool:
-        """Whether equilibrium with the tool is the same whichever way it came.
+        """Whether equilibrium with the tool is independent of its path.
 
-        Not with friction, nor where nodes know the face of a box that they came by, nor where the
-        way is what is looked for.
+        It is not with friction, nor for a box, whose faces depend on where nodes entered, nor for a
+        tool driven by a force, whose position is unknown.
         """
         tool = self.tool
         is_bound = tool.friction_coefficient > 0.0 or tool.drive is not None
         return self._faces is None and not is_bound
 
     def set_time(self, time: float) -> None:
-        """Put the tool where it is at a time of its path."""
+        """Move the tool to its pose at a time of its path [s]."""
         self.time = time
         position, self.rotation = self.tool.path.pose_at(time)
         self.position = position + self._way
 
     def move(self, way: float) -> None:
-        """Put a tool that is driven by a force so far along its line [m]."""
+        """Move a tool that is driven by a force to a distance along its line [m]."""
         assert self.tool.drive is not None
         self._way = way * np.array(self.tool.drive.direction)
         self.set_time(self.time)
 
     def go_on_from(self, other: ToolContact) -> None:
-        """Take the multipliers of the same tool on another mesh, of the nearest point there."""
+        """Take the multipliers at the nearest points of the same tool's contact on another mesh."""
         known = np.flatnonzero(other.points.areas > 0.0)
         there = all_rows(other.points.rest[known])
         pressure = all_rows(other.pressure[known])
@@ -348,11 +347,11 @@ class ToolContact:
         self.pressure = pressure[nearest]
 
     def bear(self, displacement: Floats, forces: Floats) -> None:
-        """Take as multipliers what holds the body where it is, of the nodes that touch.
+        """Set the multipliers of nodes in contact to given nodal forces.
 
         Args:
-            displacement: Near an equilibrium, flat [m].
-            forces: That the tool has to put on the nodes there [N], flat.
+            displacement: Displacement near an equilibrium, flat [m].
+            forces: Forces of the tool on the nodes at equilibrium [N], flat.
         """
         distance = self._distance(displacement)
         pushed = np.sum(forces.reshape(-1, 3)[self.points.nodes] * distance.normal, axis=1)
@@ -361,42 +360,42 @@ class ToolContact:
         self.pressure = np.where(touches, np.maximum(0.0, pushed) / with_area, 0.0)
 
     def weigh(self, factor: float) -> None:
-        """Set the penalty to so many times that of statics."""
+        """Set the penalty to a multiple of that of statics."""
         self._penalty = factor * self._at_rest
 
     def clearance(self, displacement: Floats) -> float:
-        """Least distance of the contact nodes from the tool [m], 0 where one touches it."""
+        """Smallest distance of the contact nodes from the tool [m], 0 where one touches it."""
         gap = self._distance(displacement).gap
         return max(0.0, fenicsx.smallest(float(gap.min(initial=np.inf))))
 
     def stiffen(self, inertia: float) -> None:
-        """Set the penalties against a step's inertia too, which short steps are made of.
+        """Raise the penalties to balance the inertia in a time step, which dominates short steps.
 
         Args:
-            inertia: Of the body, density over the square of time [kg/(m3 s2)].
+            inertia: Density of the body over the square of the time step [kg/(m3 s2)].
         """
         self._penalty = self._at_rest + _STIFFNESS_RATIO * inertia * self.points.facet_size
         self._drag_part = _SOFT_DRAG
 
     def keep(self, displacement: Floats) -> None:
-        """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""
+        """Accept an equilibrium: store its multipliers and the positions of the nodes."""
         self._kept = self.pressure
         self._friction.keep(self._local(displacement))
         if self._faces is not None:
             self._faces.keep(self._local(displacement))
 
     def go_back(self) -> None:
-        """Begin anew from the last equilibrium that was kept."""
+        """Begin anew from the last accepted equilibrium."""
         self.pressure = self._kept
         self._friction.go_back()
         if self._faces is not None:
             self._faces.go_back()
 
     def let_go(self, displacement: Floats) -> tuple[int, bool]:
-        """Let go of nodes that an equilibrium holds against a face of a box they have slid off.
+        """Release nodes that an equilibrium presses on a face of a box from which they have slid.
 
         Returns:
-            How many, and whether one of them had slid off another face already.
+            Their number, and whether one of them had already slid off another face.
         """
         if self._faces is None:
             return 0, False
@@ -433,7 +432,7 @@ class ToolContact:
         return self._friction.drag(local, rotation, distance.normal, self.pressure, penalty)
 
     def _vectors(self, displacement: Floats) -> Points:
-        """Tractions on the body by rest area [Pa], shape (n, 3)."""
+        """Tractions on the body per rest area [Pa], shape (n, 3)."""
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
         along: Points = tractions[:, None] * distance.normal
@@ -457,16 +456,16 @@ class ToolContact:
         matrix.assemble()
 
     def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
-        """Of the force on the tool along a unit vector, by the displacement, flat [N/m]."""
+        """Derivative of the force on the tool along a unit vector, by displacement, flat [N/m]."""
         blocks, touching = self._stiffness(displacement)
         flat = np.zeros(self._num_dofs)
         flat[self.points.dofs[touching]] = blocks[touching].transpose(0, 2, 1) @ direction
         return flat
 
     def _stiffness(self, displacement: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """-d(nodal force)/du, area (k n n - t grad n), and at which points it is any [N/m].
+        """-d(nodal force)/du, area (k n n - t grad n) [N/m], and at which points it is not zero.
 
-        With friction that of `Drag` too, which is symmetric.
+        With friction it includes the stiffness of `Drag`, which is symmetric.
         """
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
@@ -477,28 +476,28 @@ class ToolContact:
         blocks[tractions == 0.0] = 0.0
         blocks += self._dragged(displacement, distance).stiffness
         blocks *= areas[:, None, None]
-        # A node that has just come off is dragged until its multiplier is taken over.
+        # A node that has just lost contact has friction until its multiplier is updated.
         touching = tractions + self._friction.coefficient * self.pressure
         return blocks, areas * touching > 0.0
 
     def rounding_error(self, displacement: Floats) -> float:
-        """Norm of the nodal forces that the gaps' roundings alone can leave [N].
+        """Largest norm of the nodal forces due to rounding of the gaps [N].
 
-        A large round tool that barely touches has gaps far below the digits of its coordinates.
+        A large round tool that barely touches has gaps far below the rounding of its coordinates.
         """
         touching = self._tractions(self._distance(displacement)) > 0.0
         return self._rounding * self._penalty * fenicsx.norm(self.points.areas[touching])
 
     def augment(self, displacement: Floats, *, enough: float = 0.0) -> tuple[float, float]:
-        """Take the tractions at an equilibrium as the new multipliers.
+        """Set the multipliers to the tractions at an equilibrium.
 
         Args:
-            displacement: There, flat [m].
-            enough: Part of the forces, up to which a change is left [-].
+            displacement: Displacement at equilibrium, flat [m].
+            enough: Fraction of the forces below which a change is not made [-].
 
         Returns:
-            How much that changes the nodal forces that the multipliers alone stand for, and their
-            norm [N]: no change means that the penalty does nothing any more.
+            The norm of the change of the nodal forces of the multipliers alone, and the norm of
+            these forces [N]: without a change the penalty has no effect any more.
         """
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
@@ -534,7 +533,7 @@ def create_contacts(
     numbers: Indices | None = None,
     num_dofs: int | None = None,
 ) -> tuple[ToolContact, ...]:
-    """Set every tool of a problem against the body; arguments as `ToolContact` has them."""
+    """Contacts of the body with every tool of a problem; for arguments see `ToolContact`."""
     stiffest = max(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )

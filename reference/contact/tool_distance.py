@@ -5,14 +5,14 @@ d = |P (x - c)| - r with a projection P that is constant in a region of space. S
 grad d = n = P (x - c) / |P (x - c)| and grad grad d = (P - n n) / |P (x - c)|.
 
 Of a closed triangulated surface the nearest point is on a facet, an edge or a point of it; there
-d = s |P (x - c)| likewise. The side s is that of the facet's normal, or of
-the pseudo-normal of the edge or point: facets' normals weighted by their angle there (J. A.
-Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11, 2005).
+d = s |P (x - c)| as well. The sign s is by the side of the facet's normal, or of the pseudo-normal
+of the edge or point: facets' normals weighted by their angle there (J. A. Baerentzen, H. Aanaes,
+IEEE Trans. Vis. Comput. Graph. 11, 2005).
 
-A node has to leave a box by the face it came in by. The nearest face is the wrong one beside an
-edge: a node under the bottom, nearer to a side than it is deep, would be pushed out of that side. A
-node enters by the face it was outside of, and of several by the one whose plane it crossed last;
-one that has touched a face keeps to it until it is clear of the box.
+A node has to leave a box through the face by which it entered. Near an edge the nearest face is the
+wrong one: a node that entered through the bottom, nearer to a side than it is deep, would be pushed
+out of that side. A node enters through the face that it was outside of, and of several through that
+whose plane it crossed last; a node in contact with a face belongs to it until it leaves the box.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from palpate.meshes.surface_checks import require_closed
 
 @dataclass(frozen=True, eq=False)
 class Distance:
-    """Distance of n positions from a tool.
+    """Distances of n positions from a tool, with derivatives.
 
     Attributes:
-        gap: Negative inside the tool [m], shape (n,).
+        gap: Signed distance, negative inside the tool [m], shape (n,).
         normal: Its gradient, the tool's outward unit normal [-], shape (n, 3).
         curvature: Its second gradient [1/m], shape (n, 3, 3).
     """
@@ -57,18 +57,18 @@ def tool_distance(
     places: Points,
     came_from: Points | None = None,
 ) -> Distance:
-    """Measure positions in space from a tool in a pose.
+    """Distance of positions from a tool in a pose.
 
     Args:
-        shape: In the tool's frame.
-        position: Of the tool's origin [m], shape (3,).
-        rotation: From the tool's frame to space, shape (3, 3).
-        places: [m], shape (n, 3).
-        came_from: Where each was before, in the tool's frame of then [m], shape (n, 3): inside a
-            box the distance is that from the face it came by. Without it from the nearest.
+        shape: Shape in the tool's frame.
+        position: Position of the tool's origin [m], shape (3,).
+        rotation: From the tool's frame to the global one, shape (3, 3).
+        places: Positions [m], shape (n, 3).
+        came_from: Previous positions in the tool's frame at that time [m], shape (n, 3): inside a
+            box the distance is from the face of entry. Without them it is from the nearest face.
 
     Raises:
-        InputError: A surface that bounds no solid.
+        InputError: The surface of the tool does not bound a solid.
 
     Note:
         The normal jumps across the medial axis of a shape (at the centre of a sphere, inside a box
@@ -97,10 +97,10 @@ def tool_distance(
 
 
 def _round(arms: Points, projections: Points, radius: float) -> Distance:
-    """Distance from the centre or line that the arms start at, less a radius."""
+    """Distance from the centre or line at which the arms start, less a radius."""
     lengths = np.linalg.norm(arms, axis=1)
     safe = np.where(lengths > 0.0, lengths, 1.0)
-    # On the centre itself every direction is as good.
+    # At the centre itself any direction is a normal.
     normal = np.where(lengths[:, None] > 0.0, arms / safe[:, None], [1.0, 0.0, 0.0])
     curvature = (projections - normal[:, :, None] * normal[:, None, :]) / safe[:, None, None]
     return Distance(lengths - radius, normal, curvature)
@@ -109,7 +109,7 @@ def _round(arms: Points, projections: Points, radius: float) -> Distance:
 def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distance:
     beyond = np.abs(local) - half_widths
     sides = np.where(local < 0.0, -1.0, 1.0)
-    # Outside: the nearest face, edge or corner, by the axes on which the place lies beyond it.
+    # Outside: nearest face, edge or corner, by the axes along which the position is outside.
     kept = (beyond > 0.0).astype(np.float64)
     outside = _round(kept * beyond * sides, kept[:, :, None] * np.eye(3), 0.0)
     axes, face_sides = entered_faces(local, half_widths, came_from)
@@ -117,7 +117,7 @@ def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distan
     depth = face_sides * local[rows, axes] - half_widths[axes]
     face = np.zeros_like(local)
     face[rows, axes] = face_sides
-    # What was put onto a side has to stay there, roundings or not.
+    # A position that was moved onto a side has to stay there in spite of rounding.
     slack = 0.0 if came_from is None else touching_distance(half_widths)
     inside = ~(beyond > slack).any(axis=1)
     return Distance(
@@ -128,20 +128,20 @@ def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distan
 
 
 Mask = NDArray[np.bool_]
-# Of the smallest half width.
+# In units of the smallest half width.
 _TOUCHING = 1e-6
 
 
 def entered_faces(
     local: Points, half_widths: Points, came_from: Points | None
 ) -> tuple[Indices, Points]:
-    """The face by which each position, if it is inside, came in on the straight way.
+    """The face through which each position, if it is inside, entered on a straight line.
 
     Args:
-        local: In the box's frame [m], shape (n, 3).
-        half_widths: [m], shape (3,).
-        came_from: Where each was before, in the frame of then [m], shape (n, 3); without it, and
-            for a position that was inside, the nearest face.
+        local: Positions in the box's frame [m], shape (n, 3).
+        half_widths: Half widths of the box [m], shape (3,).
+        came_from: Previous positions in the frame at that time [m], shape (n, 3); without them, and
+            for a position that was inside, the nearest face is taken.
 
     Returns:
         Axis of the face's normal, shape (n,), and its side of the box, -1 or 1, shape (n,).
@@ -154,7 +154,7 @@ def entered_faces(
     slack = touching_distance(half_widths)
     beyond, before = np.abs(came_from) - half_widths, _signs(came_from)
     way = np.abs(came_from) - before * local
-    # A position that is still outside by an axis has crossed no plane of it.
+    # A position that is still outside along an axis has not crossed a plane of this axis.
     crossed = (beyond > slack) & (way >= beyond - slack)
     parts = np.where(crossed, beyond / np.where(crossed, way, 1.0), -1.0)
     last, known = np.argmax(parts, axis=1), crossed.any(axis=1)
@@ -162,15 +162,15 @@ def entered_faces(
 
 
 def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Points:
-    """Where the next way into the box begins [m], shape (n, 3), in its frame.
+    """Positions in the box's frame from which the next step may enter it [m], shape (n, 3).
 
-    A position that is clear of the box is its own. One that touches it, or is inside, counts as
-    straight in front of the face by which it came.
+    A position that does not touch the box is returned as it is. One that touches it, or is inside,
+    is moved straight in front of the face through which it entered.
 
     Args:
-        local: In the box's frame [m], shape (n, 3).
-        half_widths: [m], shape (3,).
-        came_from: As for `entered_faces`.
+        local: Positions in the box's frame [m], shape (n, 3).
+        half_widths: Half widths of the box [m], shape (3,).
+        came_from: See `entered_faces`.
     """
     axes, sides = entered_faces(local, half_widths, came_from)
     touching = (np.abs(local) - half_widths).max(axis=1) <= touching_distance(half_widths)
@@ -178,17 +178,17 @@ def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Poi
 
 
 class HeldFaces:
-    """The faces of a box that nodes are held against while an equilibrium is sought.
+    """The faces of a box that nodes are in contact with while an equilibrium is sought.
 
-    A node straight in front of a face is held against the whole plane of it: where the face ended,
-    forces would jump, and a node at its edge come and go without end. One that an equilibrium
-    holds beyond the edge has slid off, and is let go to the face round that edge.
+    A node straight in front of a face is in contact with its whole plane: at the edge of the face
+    the forces would jump, and a node would gain and lose contact without end. A node beyond the
+    edge at equilibrium has slid off, and is released to the adjacent face.
 
     Args:
-        half_widths: Of the box [m], shape (3,).
+        half_widths: Half widths of the box [m], shape (3,).
 
     Attributes:
-        came_from: See `entered_faces`; None before anything was seen.
+        came_from: See `entered_faces`; None before the first equilibrium.
     """
 
     def __init__(self, half_widths: tuple[float, float, float]) -> None:
@@ -198,21 +198,21 @@ class HeldFaces:
         self._has_slid: Mask = np.zeros(0, dtype=np.bool_)
 
     def keep(self, local: Points) -> None:
-        """Go on from an equilibrium that has the nodes at these positions, shape (n, 3)."""
+        """Accept an equilibrium with the nodes at these positions [m], shape (n, 3)."""
         self._kept = seen_at(local, self._half_widths, self.came_from)
         self.go_back()
 
     def go_back(self) -> None:
-        """To the last equilibrium that was kept."""
+        """Return to the last accepted equilibrium."""
         self.came_from = self._kept
         self._has_slid = np.zeros(0 if self._kept is None else len(self._kept), dtype=np.bool_)
 
     def planes(self, local: Points) -> tuple[Mask, Points, Points]:
-        """The planes that nodes are held against, from positions [m], shape (n, 3).
+        """The planes that nodes are in contact with, for positions [m], shape (n, 3).
 
         Returns:
-            Whether a node is held against one, shape (n,), its distance from that [m], shape (n,),
-            and the plane's normal out of the box, in its frame, shape (n, 3).
+            Whether a node has such a plane, shape (n,), its distance from the plane [m], shape
+            (n,), and the plane's outward normal in the frame of the box, shape (n, 3).
         """
         is_held, axes, sides = self._held()
         normals = np.zeros_like(local)
@@ -220,10 +220,10 @@ class HeldFaces:
         return is_held, (normals * local).sum(axis=1) - self._half_widths[axes], normals
 
     def let_go(self, local: Points, pressed: Mask) -> tuple[Mask, bool]:
-        """Let go of the pressed nodes that have slid off the face they are held against.
+        """Release the pressed nodes that have slid off the face they are in contact with.
 
         Returns:
-            Which, shape (n,), and whether one of them had slid off another already.
+            Which nodes, shape (n,), and whether one of them had already slid off another face.
         """
         assert self.came_from is not None
         is_held, axes, _ = self._held()
@@ -247,7 +247,7 @@ class HeldFaces:
 
 
 def touching_distance(half_widths: Points) -> float:
-    """Nearer than this a position is still at the face, or the edge, that it touches [m]."""
+    """A position nearer than this to a face or an edge touches it [m]."""
     return _TOUCHING * float(half_widths.min())
 
 
@@ -262,23 +262,23 @@ def _in_front_of(axes: Indices, sides: Points, local: Points, half_widths: Point
     return moved
 
 
-# Edge k runs from corner k to the next; the two after it complete the facet.
+# Edge k is from corner k to the next; the two edges after it complete the facet.
 _NEXT = np.array([1, 2, 0])
 # Nearer than this to an edge or point, in sizes of the surface, its pseudo-normal is the normal.
 _ON_IT = 1e-10
-# Positions by facets that are measured at once.
+# Largest number of pairs of positions and facets that are processed at once.
 _AT_ONCE = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedSurface:
-    """A surface made ready to be measured from.
+    """A closed surface with the normals that signed distances need.
 
     Attributes:
-        corners: Of each facet [m], shape (m, 3, 3).
-        normals: Of each facet, outward [-], shape (m, 3).
+        corners: Corners of each facet [m], shape (m, 3, 3).
+        normals: Outward normal of each facet [-], shape (m, 3).
         edge_normals: Pseudo-normals of each facet's edges [-], shape (m, 3, 3).
-        corner_normals: Of its corners [-], shape (m, 3, 3).
+        corner_normals: Pseudo-normals of each facet's corners [-], shape (m, 3, 3).
         size: Diagonal of its bounding box [m].
     """
 
@@ -291,10 +291,10 @@ class ClosedSurface:
 
 @lru_cache(maxsize=8)
 def closed_surface(shape: SurfaceShape) -> ClosedSurface:
-    """Make a tool's surface ready.
+    """Compute the normals of a tool's surface.
 
     Raises:
-        InputError: It bounds no solid (see `require_closed`).
+        InputError: The surface does not bound a solid (see `require_closed`).
     """
     surface = shape.surface
     require_closed(surface)
@@ -323,8 +323,8 @@ def surface_distance(surface: ClosedSurface, places: Points) -> tuple[Floats, Po
     """Distance, normal and curvature at positions in the surface's frame; see `Distance`.
 
     Args:
-        surface: Made ready.
-        places: [m], shape (n, 3).
+        surface: The surface.
+        places: Positions [m], shape (n, 3).
     """
     facet, weights = _nearest(surface, places)
     rows = np.arange(len(places))
@@ -332,7 +332,7 @@ def surface_distance(surface: ClosedSurface, places: Points) -> tuple[Floats, Po
     arms = places - np.einsum("nk,nki->ni", weights, corners)
     is_inner = weights > 0.0
     count = is_inner.sum(axis=1)
-    # The one corner that is not in an edge names it: that after its end.
+    # An edge is identified by the corner opposite to it, which follows its end.
     out = np.argmin(is_inner, axis=1)
     along = _unit(corners[rows, _NEXT[_NEXT[out]]] - corners[rows, _NEXT[out]])
     on_edge, on_corner = count == 2, count == 1
@@ -366,7 +366,8 @@ def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
     """The facet that is nearest to each position, and the weights of its corners there.
 
     Returns:
-        Shape (n,), and (n, 3): exactly 0 for corners that are no part of what is nearest.
+        Facets, shape (n,), and weights, shape (n, 3): exactly 0 for corners that do not belong to
+        the nearest facet, edge or point.
     """
     chosen = np.zeros(len(places), dtype=np.int32)
     weights = np.zeros((len(places), 3))
@@ -387,7 +388,7 @@ def _weights(corners: Points, places: Points) -> Floats:
     across = np.cross(b - a, c - a)
     squared = np.sum(across**2, axis=1)
     arms = places[:, None] - a
-    # Of the foot on the plane.
+    # Weights of the foot of the perpendicular on the plane.
     second = np.einsum("nmi,mi->nm", arms, np.cross(c - a, across)) / squared
     third = np.einsum("nmi,mi->nm", arms, np.cross(across, b - a)) / squared
     foot = np.stack([1.0 - second - third, second, third], axis=2)

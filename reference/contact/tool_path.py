@@ -1,9 +1,9 @@
 """A tool moved along its path through equilibria, or pushed against a body by a force.
 
-Along a path it goes from knot to knot. One that a force drives is put further and further along its
-line, with the body in equilibrium each time, until the body pushes back with the force; the way is
-then found between the last two by the regula falsi with halved ends (M. Dowell, P. Jarratt, BIT 11,
-1971: "Illinois").
+Along a path the tool moves from knot to knot. A tool driven by a force is moved along its line in
+steps, with the body in equilibrium at each, until the body pushes back with that force; the
+distance is then found between the last two by the regula falsi with halved ends (M. Dowell,
+P. Jarratt, BIT 11, 1971: "Illinois").
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from palpate.reference.load_stepping import follow
 from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import ToolHistory, Vector
 
-# Uzawa steps end when the multipliers carry all but this of the contact forces: this many times
-# what Newton's iteration leaves, which would let no smaller change of theirs move a node.
+# Uzawa steps end when the multipliers contain the contact forces up to this many times the relative
+# tolerance of Newton's iteration, which would not respond to smaller changes of the multipliers.
 OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
-# Penalties on the way to a state that is known from another mesh, over those of statics, and how
-# well each is solved. The stiff one carries nearly all after one step, once it is known which nodes
-# touch; where it is not, the usual one finds out.
+# Penalties over those of statics, to approach a state that is known from another mesh, and the
+# tolerance of each solve. Once the nodes in contact are known, the stiff penalty needs hardly more
+# than one step; where they are not, the usual one finds them.
 _SOFTER, _STIFFER = (0.1, 1.0, 1.0, 1.0), (100.0, 1.0)
 _ROUGHLY = 1e-3
-# The way of a node into a box is taken as straight: nearly so in short steps, parts of a facet.
+# A node is assumed to enter a box on a straight line: steps are short, in units of facet size.
 _REACH_OF_BOXES = 0.05
-# In long ones a node would go through a round tool, or far round it: parts of its radius.
+# In long steps a node would pass through a round tool, or far round it: in units of its radius.
 _REACH_OF_ROUND = 0.25
 
 Report = Callable[[int, float, float], None]
 
 
 class _Stretch:
-    """The tools on the way from one time to another, under the full load."""
+    """The tools on their paths from one time to another, under the full load."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class _Stretch:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
             contact.go_back()
-        # On the way the penalty alone is nearly good enough.
+        # Before the end of the path the penalty alone is nearly accurate enough.
         all_of_it = OVER_NEWTON * self._newton.relative_tolerance
         carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
         return settle(self._newton, self._contacts, start, carried, report=report)
@@ -88,7 +88,7 @@ def settle(
     *,
     report: Report | None = None,
 ) -> Outcome:
-    """Find the equilibrium with the tools where they are: Newton inside, Uzawa outside."""
+    """Find the equilibrium with the tools at their present poses: Newton inside, Uzawa outside."""
     u, iterations = start, 0
     outcome = newton.solve(u, 1.0, report=report)
     for _ in range(_MOST_UZAWA_STEPS):
@@ -125,20 +125,20 @@ def follow_tools(
     *,
     progress: Callable[[str], None],
 ) -> Outcome:
-    """Move the tools along their paths under the full load, and note the forces at the knots.
+    """Move the tools along their paths under the full load, and store the forces at the knots.
 
     Args:
-        newton: The iteration, of an equilibrium with these contacts.
+        newton: Newton's method for the equilibrium with these contacts.
         sampler: Measures det F.
-        contacts: The tools, where their paths begin.
-        start: Displacement to begin with, flat [m].
+        contacts: The tools at the beginning of their paths.
+        start: Displacement to start from, flat [m].
         progress: Called with one line of text for every iteration.
     """
     knots = sorted({float(t) for contact in contacts for t in contact.tool.path.times})
     u = start
     times: list[float] = []
     states: list[tuple[ToolState, ...]] = []
-    # The first stretch has no length: the tools where they begin.
+    # The first stretch has no length: the tools are at the beginning of their paths.
     before, iterations, residual, reason = knots[0], 0, 0.0, ""
     span = (knots[-1] - knots[0]) or 1.0
     factors: list[float] = []
@@ -173,17 +173,17 @@ def go_on_at_end(
     needed: Floats | None = None,
     report: Report,
 ) -> Outcome:
-    """The equilibrium where the paths end, from a displacement near it, without going there.
+    """The equilibrium at the end of the paths, from a displacement near it, without the paths.
 
     Args:
-        newton: The iteration, of an equilibrium with these contacts.
-        contacts: Tools that forget their way.
-        near: Displacement to begin with, flat [m].
-        needed: Forces that hold the body there [N], flat, where they are known.
+        newton: Newton's method for the equilibrium with these contacts.
+        contacts: Tools whose equilibrium does not depend on their paths.
+        near: Displacement to start from, flat [m].
+        needed: Nodal forces that balance the body there [N], flat, where they are known.
         report: Called with iteration, relative residual and smallest det F.
 
     Returns:
-        The end alone.
+        The outcome, with histories at the end only.
     """
     end = max((float(contact.tool.path.times[-1]) for contact in contacts), default=0.0)
     for contact in contacts:
@@ -191,8 +191,8 @@ def go_on_at_end(
         if needed is not None:
             contact.bear(near, needed)
     u = near
-    # Between the nodes of a coarser mesh the body is not quite where the tool is: soft penalties
-    # first, or they would press out of all proportion.
+    # Between the nodes of a coarser mesh the surfaces of body and tool differ a little: begin with
+    # soft penalties, since stiff ones would give far too large forces.
     for factor in _SOFTER if contacts else ():
         for contact in contacts:
             contact.weigh(factor)
@@ -226,7 +226,7 @@ def go_on_at_end(
 def histories(
     times: Sequence[float], states: Sequence[Sequence[ToolState]]
 ) -> tuple[ToolHistory, ...]:
-    """Of each tool, from the states of all of them at some times."""
+    """The history of each tool, from the states of all tools at some times."""
     return tuple(
         ToolHistory(
             times=tuple(times),
@@ -245,7 +245,7 @@ def _vector(row: Points) -> Vector:
 
 
 def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
-    """Move no tool's origin further than about a facet at first, nor than its longest step."""
+    """The first step: no tool's origin moves further than about a facet, or its longest step."""
     step = 1.0
     for contact in contacts:
         moved = _way(contact, begin, end)
@@ -255,7 +255,7 @@ def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> fl
 
 
 def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
-    """By which side a node came to a tool is known from short steps only."""
+    """The largest step: only short steps show from which side a node came into contact."""
     step = 1.0
     for contact in contacts:
         moved, reach = _way(contact, begin, end), first_reach(contact)
@@ -265,7 +265,7 @@ def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> 
 
 
 def first_reach(contact: ToolContact) -> float:
-    """How far a tool may go in one step, for its shape [m]."""
+    """Largest distance that a tool of its shape may move in one step [m]."""
     match contact.tool.shape:
         case BoxShape():
             return _REACH_OF_BOXES * contact.points.facet_size
@@ -281,16 +281,16 @@ def _way(contact: ToolContact, begin: float, end: float) -> float:
     return float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))
 
 
-# Of the force, what may be missing.
+# Relative tolerance of the driving force.
 _REACHED = 1e-9
 _SMALLEST_STEP = 1e-3
 _MOST_TRIES = 60
-# Sizes of the body and the tool's distance from it: who has gone so far has missed it.
+# A tool that has moved so many times the body's size plus its distance from it has missed it.
 _FARTHEST = 2.0
 
 
 class _Drive:
-    """The tool along its line, and how hard the body pushes it back."""
+    """A tool that is driven along its line, and the force of the body on it."""
 
     def __init__(
         self, newton: Newton, contact: ToolContact, start: Floats, progress: Callable[[str], None]
@@ -303,7 +303,7 @@ class _Drive:
         self._carried = OVER_NEWTON * newton.relative_tolerance
 
     def at(self, way: float) -> tuple[Outcome, float]:
-        """The equilibrium with the tool so far along [m], and the force it lacks [N]."""
+        """Equilibrium with the tool at a distance along its line [m], and the missing force [N]."""
         self.contact.move(way)
         self.contact.go_back()
         found = settle(self.newton, (self.contact,), self.displacement, self._carried)
@@ -325,16 +325,16 @@ def press(
     """Push a tool along its line until the body takes all of the force.
 
     Args:
-        newton: The iteration, of an equilibrium with this contact.
-        contact: The tool, where it starts.
-        start: Displacement to begin with, flat [m].
+        newton: Newton's method for the equilibrium with this contact.
+        contact: The tool at its start.
+        start: Displacement to start from, flat [m].
         progress: Called with one line of text for every position.
 
     Raises:
-        InputError: At the start the body pushes harder than the force.
+        InputError: The force of the body at the start is larger than the driving force.
 
     Returns:
-        As of a path of two knots, where it starts and where it rests.
+        The outcome as for a path of two knots, the start and the position of rest.
     """
     drive = _Drive(newton, contact, start, progress)
     found, lacking = drive.at(0.0)
@@ -380,7 +380,7 @@ def press(
         found, lacking = drive.at(way)
         if not found.converged:
             return _ended(drive, found, low[0], found.reason)
-        # An end that stays twice is taken for half as far off, or it would stay for good.
+        # The residual of an end that remains twice is halved, or the end would remain for ever.
         if lacking > 0.0:
             low, high = (way, lacking), (high[0], high[1] * (0.5 if side > 0 else 1.0))
         else:
