@@ -58,7 +58,7 @@ class Candidate:
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
-        element: What its tetrahedra are, where its result does not say another.
+        element: Its tetrahedra, where its result states no others.
         only_strain: The one strain measure that it knows, whatever the case's; None asks for the
             case's.
         refusal: Why it cannot be asked a problem; empty where it can.

@@ -36,7 +36,7 @@ FOLDER_VARIABLE = "PALPATE_CONDENSED"
 
 
 def name_of(element: Element, device: str = CORE, *, model: str = "fastsim") -> str:
-    """What fastsim, or its condensed model, is called with an element and on a device."""
+    """Name of fastsim, or its condensed model, with an element and on a device."""
     name = model if element is Element.LINEAR else f"{model} ({element})"
     return name if device == CORE else f"{name} on {device}"
 

@@ -267,7 +267,7 @@ def as_result(state: State) -> ResultFile:
 
 
 def _about(state: State) -> dict[str, object]:
-    """What a simulator says of itself that matters to how its result is judged."""
+    """A simulator's statements of itself that matter to how its result is judged."""
     about: dict[str, object] = {}
     if state.tool_forces is not None:
         about["tool_forces"] = state.tool_forces

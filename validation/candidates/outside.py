@@ -104,7 +104,7 @@ class OutsideSimulator:
 
     @property
     def about(self) -> dict[str, object]:
-        """What a result that says nothing of its steps is taken to say of them."""
+        """The steps that a result which does not state its own is taken to have."""
         scheme = self.integrator
         if self.time_step is not None:
             scheme = scheme or Integrator.CENTRAL_DIFFERENCES

@@ -115,7 +115,7 @@ def _to_the_end(
 
 
 def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]:
-    """What of a motion could be compared, and what could not."""
+    """A note on the parts of a motion that could be compared, and those that could not."""
     remarks = []
     num_outputs, num_compared = len(read.were_sent), int(read.were_sent.sum())
     if num_compared < num_outputs:

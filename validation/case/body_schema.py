@@ -11,7 +11,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.untrusted import is_a_float
 
-# What a float64 and a machine word both hold without loss.
+# Largest number that a float64 and a machine word both represent without loss.
 LARGEST_COUNT = 2**53
 
 
@@ -131,7 +131,7 @@ class RegionSpec(Table):
     half_space: HalfSpaceRegion | None = None
     """One side of a plane."""
     group: str | None = None
-    """What the mesh file gives a name: facets; of some keys cells or single points."""
+    """A name in the mesh file: a group of facets; for some keys of cells or single points."""
     nearest: Vector | None = None
     """The one point of the boundary nearest to this position [units.length]; stands alone."""
 
@@ -144,7 +144,7 @@ class RegionSpec(Table):
         return self
 
 
-# Of each built-in shape its sizes, in the order in which its maker takes them.
+# Sizes of each built-in shape, in the order in which its maker takes them.
 SHAPES: dict[str, tuple[str, ...]] = {
     "box": ("size",),
     "beam": ("length", "width", "height"),

@@ -44,7 +44,7 @@ from palpate.validation.case.body_schema import SHAPES, GeometrySpec
 from palpate.validation.case.units import Units
 
 MOST_CELLS = 2_000_000
-# Of a box around the body, which may be mostly empty.
+# Limits for a box around the body, which may be mostly empty.
 _MOST_CELLS_OF_BOX, _MOST_FACETS_OF_BOX = 10 * MOST_CELLS, MOST_CELLS
 # Regular tetrahedra of edge h fill 6 sqrt(2) to h^3, regular triangles 4 / sqrt(3) to h^2.
 _CELLS_PER_CUBE, _FACETS_PER_SQUARE = 8.49, 2.31
@@ -55,7 +55,7 @@ _WRAP = "--wrap D (wrap = D) makes a new closed surface within D of it"
 _OTHERS = (
     "--free D (boundary = 'free') may replace facets within D; --mesher gmsh tries another way"
 )
-# What repairs each kind of trouble: of a surface as it is given, and after a repair.
+# Repairs for each kind of trouble: of a surface as it is given, and after a repair.
 REMEDIES: dict[type[InputError], tuple[str, str]] = {
     OpenSurfaceError: (
         f"{_REPAIR} closes holes, --largest-hole N (largest_hole) says how long ones",
@@ -83,7 +83,7 @@ class LoadedSurface:
 
     Attributes:
         surface: [m].
-        notes: For people, lengths in metres.
+        notes: Notes for people, lengths in metres.
         groups: Facets by their number: what closes holes is "cap 1", "cap 2", ...
         path: Path of the file; None for a built-in shape.
         is_as_given: Whether facets have the file's numbers.
@@ -169,7 +169,7 @@ def advised(
 
     Args:
         path: Path of the file; nothing is added where None.
-        surface: As read or as repaired [m].
+        surface: The surface as read or as repaired [m].
         is_as_given: Whether its facets are the file's.
         notes: What was found or done before.
     """

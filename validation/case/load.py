@@ -73,7 +73,7 @@ def _line(path: Path, source: str, found: ErrorDetails) -> str:
 
 
 def _value(value: Any) -> str:
-    """As it stands in the file, where it is short enough to be shown."""
+    """The value as in the file, where it is short enough to be shown."""
     if isinstance(value, bool):
         return f" = {str(value).lower()}"
     if isinstance(value, str | int | float):

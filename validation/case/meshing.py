@@ -56,7 +56,7 @@ from palpate.validation.case.units import Units
 
 # The group of what lies in the body and in no inclusion.
 BODY = "body"
-# Of gmsh, a process of its own [s].
+# Time limit of gmsh, a process of its own [s].
 _GMSH_LIMIT = 300.0
 
 
@@ -99,7 +99,7 @@ class Filling:
 
 
 def _said(report: MeshingReport) -> str:
-    """What a user should know of a mesh besides its size."""
+    """The facts about a mesh that a user should know besides its size."""
     cut, left = report.boundary_steiner_points, report.slivers_left
     words = f", {cut} point(s) added on the surface's facets" if cut else ""
     words += f", {left} cell(s) with an angle below 10 degrees left" if left else ""
@@ -192,7 +192,7 @@ def fill_loaded(
             else:
                 built = _fill(loaded.surface, spec, units, size, how)
     except TimeLimitError as error:
-        # Of what was left of it, so far.
+        # The error has the time that was left; the user knows the limit of all.
         raise TimeLimitError(how.time_limit or error.time_limit, error.stage) from error
     if not loaded.groups:
         return built
@@ -291,7 +291,7 @@ def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) 
 
 
 def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Filling) -> BuiltMesh:
-    """By the mesher asked for, or fastsim's first and gmsh's otherwise."""
+    """Fill by the mesher asked for, or by fastsim's first and gmsh's otherwise."""
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):
         try:

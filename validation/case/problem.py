@@ -71,9 +71,9 @@ from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.units import Units
 from palpate.validation.exchange.nodal_arrays import facet_areas
 
-# Of loads and displacements in SI units: squares and sums of it are still numbers.
+# Largest load or displacement in SI units: squares and sums of it are still finite.
 _LARGEST = 1e100
-# What the kinds of loads call their size, and its unit.
+# Name and unit of each kind of load's size.
 _SIZES = {"force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces": "N"}
 
 
@@ -327,7 +327,7 @@ def _quaternion(pose: PoseSpec) -> list[float]:
     if pose.rotation is None:
         return [1.0, 0.0, 0.0, 0.0]
     half = 0.5 * math.radians(pose.rotation.angle_deg)
-    # In parts of its largest, so that no square is lost or without end.
+    # In fractions of its largest, so that no square underflows or overflows.
     largest = max(abs(a) for a in pose.rotation.axis)
     axis = [a / largest for a in pose.rotation.axis]
     return [math.cos(half), *(math.sin(half) * a / math.hypot(*axis) for a in axis)]

@@ -94,7 +94,7 @@ class CheckSpec(Table):
     strain: Strain | None = None
     """Which result is judged; the case's strain where nothing is said."""
     limit: Number
-    """What the error may be at most, from what the user needs; mostly [-]."""
+    """Most that the error may be, from what the user needs; mostly [-]."""
     reason: str = Field(min_length=1)
     """Why this limit."""
     precision: Precision | None = None
@@ -256,9 +256,9 @@ class CaseSpec(Table):
     support: tuple[SupportSpec, ...] = ()
     """Parts of the boundary that are fixed; the body may not float."""
     load: tuple[LoadSpec, ...] = ()
-    """What pushes."""
+    """Loads that push."""
     spring: tuple[SpringSpec, ...] = ()
-    """What pulls at a patch of the surface by a spring."""
+    """Springs that pull at a patch of the surface."""
     inclusion: tuple[InclusionSpec, ...] = ()
     """Parts of another material."""
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()

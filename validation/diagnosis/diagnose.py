@@ -123,7 +123,7 @@ def diagnose(
 
 
 def equations_left(problem: Problem, candidate: State) -> float:
-    """What a static result leaves of the stated equations, over the largest nodal force."""
+    """Residual of the stated equations at a static result, over the largest nodal force."""
     body = Body(problem, candidate.strain, candidate.element)
     return StaticResult(body, candidate.displacement).stated
 
@@ -136,7 +136,7 @@ def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str
     return StaticResult(body, mine[-1]).stated, OF_FORCE
 
 
-# Of a static result; the next of them only where nothing simpler fits.
+# Families of hypotheses of a static result; the next only where nothing simpler fits.
 _FAMILIES = (
     (law_hypotheses, load_hypotheses, support_hypotheses, tool_hypotheses),
     (material_hypotheses, each_load_apart),
@@ -156,7 +156,7 @@ def _statics(result: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[
             for family in families:
                 tried += family(result)
     if ask is not None and not (is_found or choose(tried) or problem.inclusions):
-        # Where it cannot result these problems, nothing is said of them.
+        # Where the candidate cannot solve these problems, nothing is said of isotropy.
         with contextlib.suppress(CandidateFailedError, InputError):
             tried += isotropy_hypotheses(problem, result.displacement, ask)
     yield from tried

@@ -17,7 +17,7 @@ from enum import StrEnum
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Element, Strain
 
-# What solvers of double precision leave once they have converged, with room for loose ones.
+# Residual that solvers of double precision leave once converged, with room for loose ones.
 DOUBLE = 1e-6
 # Single precision: 6e-8, times the thousand that forces of a body that bends easily lose.
 SINGLE = 1e-4
@@ -146,7 +146,7 @@ class Diagnosis:
 def choose(tried: Iterable[Explanation]) -> tuple[Explanation, ...]:
     """Those that fit, simplest first; without those that fit far worse than the best."""
     fitting = [each for each in tried if each.fits]
-    # That the result agrees is said only where nothing is found to be wrong with it.
+    # The result is said to agree only where nothing is found to be wrong with it.
     fitting = [each for each in fitting if each.complexity > 0] or fitting
     if not fitting:
         return ()

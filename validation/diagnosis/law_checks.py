@@ -24,7 +24,7 @@ from palpate.validation.metrics.smoothing import Array
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
 # or so; a derivative that is off in any user's sense is off by more than a tenth of a million.
 _DERIVATIVE = 1e-7
-# What is an identity, to rounding of numbers a hundred times larger.
+# Limit of an identity: rounding of numbers a hundred times larger.
 _IDENTITY = 1e-10
 _DIRECTIONS = 3
 _STEP = 1e-3
@@ -35,7 +35,7 @@ class Finding:
     """The worst of a check over one kind of deformation.
 
     Attributes:
-        check: What was asked.
+        check: The property that was checked.
         kind: Kind of deformation.
         error: Error over the size of what was compared [-].
         limit: Largest error that passes [-].
@@ -188,7 +188,7 @@ def _directions(F: Array, count: int) -> Array:
 
 
 def _difference(function: Callable[[Array], Array], F: Array, dF: Array) -> Array:
-    """Along dF, of fourth order, by steps that are small beside the smallest stretch."""
+    """Derivative along dF, of fourth order, by steps that are small beside the smallest stretch."""
     h = _STEP * np.linalg.svd(F, compute_uv=False)[:, -1]
     step = h[:, None, None] * dF
     near = function(F + step) - function(F - step)
@@ -208,7 +208,7 @@ def _scale(P: Array, material: Material) -> Array:
     return scale
 
 
-# Of the stress: a law that fits so well is it.
+# Relative error of stress: a law that fits so well is the simulator's.
 _FITS = 1e-6
 
 

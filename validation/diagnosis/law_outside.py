@@ -32,8 +32,8 @@ from palpate.validation.metrics.laws import stress_change
 from palpate.validation.metrics.smoothing import Array
 from palpate.validation.states import Progress
 
-# Of the cells [m]: as large as what soft bodies are measured by, so that a tolerance of forces that
-# is no part of anything is not out of reach.
+# Edge of the cells [m]: of the size of soft bodies, so that a tolerance of forces that a simulator
+# has as an absolute number is within reach.
 _EDGE = 0.02
 # Components of F that a cell is free to take, row by row.
 _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)

@@ -22,14 +22,14 @@ from palpate.validation.metrics.smoothing import Array
 
 # Parts like those of Ogden's rubber, 1972: three terms, one of them of a negative exponent.
 OGDEN_TERMS = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
-# Of Mooney and Rivlin's law, over mu.
+# Constant c01 of Mooney and Rivlin's law, over mu.
 C01 = 0.2
 
 
 def example_material(
     law: Law, poissons_ratio: float = 0.4, youngs_modulus: float = 1e4
 ) -> Material:
-    """Of these moduli at rest [-], [Pa]; c01 is a fifth of mu, Ogden's law has three terms."""
+    """Material of these moduli at rest [-], [Pa]; c01 is mu / 5, Ogden's law has three terms."""
     return following(Material(youngs_modulus, poissons_ratio), law)
 
 
@@ -104,7 +104,7 @@ def _sheared(amount: float) -> Array:
 
 
 def _random(count: int, size: float, determinants: tuple[float, float]) -> Array:
-    """Of a random direction, with det F spread evenly over its logarithm."""
+    """Deformation gradients in random directions, with det F spread evenly over its logarithm."""
     rng = np.random.default_rng(1)
     wanted = np.geomspace(*determinants, count)
     found: list[Array] = []
@@ -152,7 +152,7 @@ def displacements(F: Array) -> Points:
 
 
 def nodal_forces(P: Array, edge: float) -> Points:
-    """What P makes at the corners of separate cells of this edge [m], [N], (4 n, 3)."""
+    """Nodal forces of P at the corners of separate cells of this edge [m], [N], (4 n, 3)."""
     gradients = np.vstack([-np.ones(3), np.eye(3)])
     forces: Points = (edge**2 * VOLUME * gradients @ P.transpose(0, 2, 1)).reshape(-1, 3)
     return forces

@@ -68,7 +68,7 @@ _UNTRIED = "mechanical mistakes were not tried"
 
 
 def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
-    """How the candidate's motion can be stepped again, or why it cannot."""
+    """The stepper of the candidate's motion, or why it cannot be stepped again."""
     span = body.problem.time
     assert span is not None
     said = candidate.says.get("time_step", candidate.details.get("time_step"))

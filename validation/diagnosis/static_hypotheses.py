@@ -319,7 +319,7 @@ def support_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     if not any(each.fits for each in tried):
         name = "fixed points are fixed at other positions"
         yield result.tried(name, Cause.SUPPORT, 3, miss=0.0)
-    # What is fixed that should be free.
+    # Components that are fixed and should be free.
     still = body.free & (np.abs(displacement) <= _STILL * largest)
     if still.any() and still.sum() < 0.5 * body.free.sum():
         name = _overheld_words(body, still)
@@ -470,7 +470,7 @@ def lame_of(material: Material) -> tuple[float, float]:
 
 
 def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
-    """What mistakes make of Lamé's parameters, numbers or arrays by cell, by name."""
+    """Lamé's parameters, numbers or arrays by cell, as mistakes would have them, by name."""
     E = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
     return {
         "Lamé's parameters exchanged": (mu, lmbda),

@@ -47,7 +47,7 @@ def are_among(facets: Indices, others: Indices) -> NDArray[np.bool_]:
     return np.array([tuple(row) in known for row in rows], dtype=bool)
 
 
-# Of unit normals: singular values below which two planes are one.
+# Singular values of unit normals below which two planes are one.
 _ONE_PLANE = 1e-8
 
 
@@ -185,7 +185,7 @@ def pushes_of_supports(problem: Problem, forces: Points) -> Points:
 
 
 def _holders(problem: Problem) -> dict[int, list[tuple[int, Floats]]]:
-    """Of every point on a slanted plane: which supports fix it along which directions."""
+    """The supports that fix each point on a slanted plane, with the directions they fix."""
     found: dict[int, list[tuple[int, Floats]]] = {}
     for support in problem.supports:
         if support.normal is not None:
@@ -273,7 +273,7 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
     return force
 
 
-# Of degree 3 on a triangle (Strang and Fix 1973): barycentric coordinates and weights.
+# Quadrature of degree 3 on a triangle (Strang and Fix 1973): barycentric coordinates, weights.
 FACET_POINTS = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
 FACET_WEIGHTS = np.array([-27.0, 25.0, 25.0, 25.0]) / 48.0
 

@@ -47,7 +47,7 @@ class Placed:
         displacement: [m], (num_times, num_points, 3).
         notes: What was done to get there, for people.
         own_mesh: The result's own mesh, where it has another than the case.
-        own_displacement: On it [m], (num_times, num_own_points, 3).
+        own_displacement: Displacement on it [m], (num_times, num_own_points, 3).
         cauchy_stress: By the case's cells, or the own mesh's where there is one [Pa], (n, 3, 3).
     """
 
@@ -110,7 +110,7 @@ def _require_finite(result: ResultFile) -> None:
 
 
 def _by_id(result: ResultFile, ids: Rows, num_points: int) -> Rows:
-    """For each of the case's points the row of the result."""
+    """The row of the result for each of the case's points."""
     if ids.min() < 0 or ids.max() >= num_points:
         raise ResultFileError(result.path, f"original_id lies outside 0..{num_points - 1}")
     order = np.full(num_points, -1)
@@ -142,7 +142,7 @@ def _same_position(points: Points) -> float:
 def _matched(
     result: ResultFile, points: Points, rest: Points, tolerance: float
 ) -> tuple[Rows | None, tuple[str, ...]] | None:
-    """For each of the case's points the one of the result; None unless it is one to one.
+    """The result's point for each of the case's points; None unless it is one to one.
 
     They are in the case's order, or moved along with the body, or in another order.
     """

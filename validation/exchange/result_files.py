@@ -39,7 +39,7 @@ RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
 _ALWAYS_ALLOWED = 256 * 1024**2
 # A mesh refined twice has 64 times as many points; so many times as many states.
 _TIMES_THE_CASES = 64
-# What is read of an .npz file; other arrays are left alone.
+# Arrays that are read of an .npz file; others are left alone.
 _ARRAYS = (
     "displacement", "positions", "times", "points", "cells", "original_id", "cauchy_stress",
 )  # fmt: skip
@@ -300,7 +300,7 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
 
     Args:
         path: .vtu, .vtk or .npz; a file of that name is replaced.
-        problem: What was solved.
+        problem: The problem that was solved.
         state: The state, at the mesh's points.
 
     Returns:

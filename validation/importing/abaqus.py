@@ -36,12 +36,12 @@ _HARMLESS = {
     "ENERGY OUTPUT", "ENERGY PRINT", "ENERGY FILE", "SECTION PRINT", "PREPRINT", "PRINT", "RESTART",
     "FILE FORMAT", "MONITOR", "CONTROLS", "SOLUTION TECHNIQUE", "NO OUTPUT",
 }  # fmt: skip
-# Of a model of one part that lies where it was drawn.
+# Cards of a model of one part that is not moved in its assembly.
 _FRAME = {"PART", "END PART", "ASSEMBLY", "END ASSEMBLY", "INSTANCE", "END INSTANCE"}
-# What else may stand below *MATERIAL without a say in an equilibrium at one temperature.
+# Other cards below *MATERIAL that do not change an equilibrium at one temperature.
 _HARMLESS_OF_MATERIALS = {"DAMPING", "CONDUCTIVITY", "SPECIFIC HEAT"}
 _HYPERELASTIC = ("NEO HOOKE", "MOONEY-RIVLIN")
-# Of Abaqus, for solids: which of x, y, z are fixed.
+# Components that Abaqus' named supports of solids fix, of x, y, z.
 _NAMED = {
     "ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,),
     "XASYMM": (1, 2), "YASYMM": (0, 2), "ZASYMM": (0, 1),
@@ -316,7 +316,7 @@ class _Loads:
             self.model.holds.append(FixedNodes("held", fixed, components, source))
 
     def _factor(self, card: Card) -> float:
-        """What the card's amplitude is worth at the end of the step."""
+        """Value of the card's amplitude at the end of the step."""
         name = card.parameters.get("AMPLITUDE")
         if name is None:
             return 1.0

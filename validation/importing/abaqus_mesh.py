@@ -28,7 +28,7 @@ from palpate.validation.importing.model import (
     whole,
 )
 
-# Of all files together.
+# Most bytes of all files together.
 MOST_BYTES = 256 * 1024**2
 _DEEPEST = 8
 _MOST_FILES = 100
@@ -219,7 +219,7 @@ class AbaqusMesh:
         return [row for cell in cells for row in self._rows_of[cell]]
 
     def notes(self) -> list[str]:
-        """What was cut."""
+        """What was cut, in words."""
         return [
             f"{count} cells of type {kind} are cut into tetrahedra: the same body where faces are "
             "flat, on another mesh"

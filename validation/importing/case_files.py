@@ -130,7 +130,7 @@ class _Tables:
         quadratic = (model.middles >= 0).all(axis=1)
         ends = model.corners[quadratic][:, MIDDLES].reshape(-1, 2).tolist()
         middles = model.middles[quadratic].ravel().tolist()
-        # Of each middle node the ends of its edge, and the other way round.
+        # The ends of each middle node's edge, and the middle node of each edge.
         self.ends = dict(zip(middles, map(tuple, ends), strict=True))
         self.middle_of = {tuple(sorted(pair)): node for node, pair in self.ends.items()}
 
@@ -413,7 +413,7 @@ def _head(model: Model, notes: list[str]) -> str:
 
 
 def _volumes_of_nodes(model: Model) -> NDArray[np.float64]:
-    """Of each node the integral of its shape function over the body, (num_nodes,)."""
+    """Integral of each node's shape function over the body, (num_nodes,)."""
     x = model.nodes[model.corners]
     volumes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6.0
     found = np.zeros(len(model.nodes))

@@ -43,7 +43,7 @@ _LAWS = {
     "neo-Hookean": Law.NEO_HOOKEAN,
     "isotropic elastic": Law.SAINT_VENANT_KIRCHHOFF,
 }
-# Of a law whose volume stands apart: U = k/2 (ln J)^2, which is FEBio's own, or k/2 (J - 1)^2.
+# Models of a law with a separate volume part: U = k/2 (ln J)^2, FEBio's own, or k/2 (J - 1)^2.
 _PRESSURE_MODELS = {
     "0": Law.MOONEY_RIVLIN_LOG,
     "default": Law.MOONEY_RIVLIN_LOG,

@@ -49,7 +49,7 @@ class FebioMesh:
         cells = [self._cells(block) for block in blocks]
         self.corners = np.vstack([np.zeros((0, 4), dtype=np.int64), *(c[:, :4] for c in cells)])
         self.middles = np.vstack([np.zeros((0, 6), dtype=np.int64), *(c[:, 4:] for c in cells)])
-        # Of each block of cells what names its material, and how many they are.
+        # What names the material of each block of cells, and the number of its cells.
         self.material_of = [
             (*named, len(rows))
             for named, rows in zip(_materials_of(sections, blocks, version), cells, strict=True)
@@ -162,7 +162,7 @@ def _add(element: Element, sets: dict[str, Rows], rows: Rows) -> None:
 def _materials_of(
     sections: dict[str, list[Element]], blocks: list[Element], version: str
 ) -> list[tuple[Element, str]]:
-    """Of each block of cells what names its material: itself, or its domain."""
+    """What names the material of each block of cells: itself, or its domain."""
     if version == "2.5":
         return [(block, block.require("mat")) for block in blocks]
     domains: dict[str, Element] = {}

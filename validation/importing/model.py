@@ -164,7 +164,7 @@ class UnitSystem(StrEnum):
         return {"length": length, "force": force, "stress": stress, "density": "kg/m3"}
 
     def kilograms_per_cubic_metre(self, density: float) -> float:
-        """Of a density in force time^2 / length^4; to 15 digits, so that 1e-9 t/mm3 is 1000."""
+        """Turn a density in force time^2 / length^4; to 15 digits, so that 1e-9 t/mm3 is 1000."""
         table = self.table
         return float(f"{density * FORCE[table['force']] / LENGTH[table['length']] ** 4:.15g}")
 

@@ -22,7 +22,7 @@ from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import Body, FixedNodes, ImportRefusedError, Model
 from palpate.validation.importing.xml_tree import Element, read_xml
 
-# Of what a model is made and how it looks and is solved: nothing that an equilibrium depends on.
+# Parts of a model that no equilibrium depends on: how it is made, looks and is solved.
 _HARMLESS = ("compiler", "size", "visual", "statistic", "asset", "default", "custom", "sensor")
 _FORCEFUL = ("actuator", "equality", "tendon", "contact", "extension", "keyframe", "include")
 _OPEN = "write the model out with mj_saveLastXML, which lists every point, and import that"

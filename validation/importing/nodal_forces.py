@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 
-# Of the largest force: what a file of seven digits leaves, as CalculiX's users write them.
+# Fraction of the largest force: what a file of seven digits leaves, as CalculiX's users write.
 _FITS = 1e-6
 # Facets whose normals differ by no more are one plane (0.01 degrees).
 _FLAT = 1.0 - 0.5 * np.deg2rad(0.01) ** 2
 # Planes that may have a traction each: the least squares of so many, dense, take a second. A finely
 # cut curved surface has one a facet, and its forces stay forces on points.
 _MOST_PLANES = 100
-# Of degree 4 on a triangle (D. A. Dunavant, IJNME 21, 1985, table II): corners' weights, weight.
+# Quadrature of degree 4 on a triangle (D. A. Dunavant, IJNME 21, 1985, table II): corners, weight.
 _A, _B = 0.445948490915965, 0.091576213509771
 _POINTS = np.array(
     [[1 - 2 * x if k == j else x for k in range(3)] for x in (_A, _B) for j in range(3)]
@@ -105,7 +105,7 @@ def _connected(corners: NDArray[np.int64], chosen: NDArray[np.int64]) -> list[ND
 def _ways(
     nodes: Points, corners: NDArray[np.int64], part: NDArray[np.int64]
 ) -> list[tuple[list[NDArray[np.int64]], bool]]:
-    """What is tried: one traction on all, then one on each plane; uniform, then affine."""
+    """The fits to try: one traction on all, then one on each plane; uniform, then affine."""
     a, b, c = (nodes[corners[part, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)

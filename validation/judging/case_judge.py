@@ -312,7 +312,7 @@ class PrecisionGrant:
         return spec.model_copy(update=changes)
 
     def _base(self, spec: CheckSpec) -> State | None:
-        """What is rounded: the reference on the same mesh, whatever the check is against."""
+        """The state that is rounded: the reference on the same mesh, for every check."""
         return self._references.same_mesh(spec.strain or self._case.strain)
 
     def _limit(self, spec: CheckSpec) -> float | None:
@@ -335,7 +335,7 @@ class PrecisionGrant:
         return LARGEST * (self._scale(spec, base) if base else 1.0)
 
     def _scale(self, spec: CheckSpec, base: State) -> float:
-        """Of a published displacement, the largest one over the number expected at a point.
+        """For a published displacement, the largest one over the number expected at a point.
 
         The same holds for the force on a tool.
         """

@@ -148,7 +148,7 @@ def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: s
 
 
 def _finite(value: float) -> float | None:
-    """What outputs can hold: None where there is no number."""
+    """The value as outputs can show it: None where there is no number."""
     return value if math.isfinite(value) else None
 
 

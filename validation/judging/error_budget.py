@@ -79,7 +79,7 @@ class Budget:
 
     @property
     def interaction(self) -> float:
-        """What the terms leave over."""
+        """The error that is left over by all terms."""
         return self.total - sum(term for term in self.terms.values() if term is not None)
 
 

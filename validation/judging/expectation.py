@@ -43,7 +43,7 @@ class Expectation(BaseModel):
         verdict: Verdict on the case.
         failed: Names of the checks that fail.
         inconclusive: Names of those that are inconclusive.
-        regression_bound: By the name of a check or metric, what its value was, and a little.
+        regression_bound: By name of a check or metric: its value when recorded, and a little more.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -91,7 +91,7 @@ def unexpected(results: Sequence[CaseResult], expected: Expected) -> list[str]:
 
 
 def with_results(expected: Expected, results: Sequence[CaseResult]) -> Expected:
-    """What is expected from now on: these results as they are, and of other cases what was."""
+    """The new expectations: these results as they are, and of other cases those there were."""
     found = {name: dict(candidates) for name, candidates in expected.items()}
     for result in results:
         for judged in result.candidates:

@@ -205,7 +205,7 @@ def _judge_one(
 def _solutions(
     judged: Candidate, problem: Problem, strains: Sequence[Strain], progress: Progress
 ) -> dict[Strain, State | CandidateFailedError]:
-    """With each strain measure; motions side by side where the candidate can."""
+    """Solve with each strain measure; motions in parallel where the candidate can."""
 
     def solution(strain: Strain) -> State | CandidateFailedError:
         try:

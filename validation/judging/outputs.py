@@ -41,13 +41,13 @@ _COLOUR = {
     Verdict.SKIPPED: "dim",
 }
 _TONE = {str(verdict): colour for verdict, colour in _COLOUR.items()} | {"narrow": "cyan"}
-# Of a case, in results.json.
+# Attributes of a case in results.json.
 _OF_CASE = (
     "name", "title", "verdict", "scope", "metrics", "unseen", "published", "notes",
     "candidate_says", "provenance",
 )  # fmt: skip
 _GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
-# Of a check, in JUnit.
+# Attributes of a check in JUnit.
 _PROPERTIES = (
     "value", "limit", "reference_error", "scale", "reason", "is_vacuous", "precision",
 )  # fmt: skip
@@ -63,7 +63,7 @@ _MOST_ANNOTATIONS = 10
 _ANNOTATIONS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}
 # Digits of the problem's hash that distinguish it from any other.
 _KEY = 12
-# Of the libraries of the reference, those whose versions its numbers depend on.
+# Libraries of the reference whose versions its numbers depend on.
 _LIBRARIES = ("dolfinx", "basix", "petsc")
 
 

@@ -183,13 +183,13 @@ class CaseResult:
 
     @property
     def scope(self) -> Scope:
-        """What the candidate was compared with; what was skipped does not count."""
+        """The references that the candidate was compared with; skipped checks do not count."""
         reached = {check.scope for check in self.checks if check.verdict is not Verdict.SKIPPED}
         return next((scope for scope in Scope if scope in reached), Scope.OWN)
 
     @property
     def tone(self) -> str:
-        """Whose colour the verdict is shown in, everywhere: its own, or "narrow".
+        """The name of the colour that the verdict is shown in, everywhere: its own, or "narrow".
 
         Green is reserved for what was compared with the truth; what passed without is narrow.
         """
@@ -205,7 +205,7 @@ class CaseResult:
 
 
 def tone_of(results: Sequence[CaseResult]) -> str:
-    """Whose colour the verdict of several cases is shown in; green where all of them are."""
+    """The name of the colour of several cases' verdict; green where all of them are green."""
     verdict = gravest([result.verdict for result in results])
     is_narrow = verdict is Verdict.PASSED and any(result.tone == "narrow" for result in results)
     return "narrow" if is_narrow else str(verdict)
@@ -221,7 +221,7 @@ def check_name(metric: str, against: str, strain: str, element: str, precision: 
 
 
 def error_name(against: str, strain: Strain, element: Element, metric: str) -> str:
-    """What an error is called among the metrics of a result."""
+    """The name of an error among the metrics of a result."""
     which = f"{strain}" if element is Element.LINEAR else f"{strain}.{element}"
     return f"error.{against}.{which}.{metric}"
 

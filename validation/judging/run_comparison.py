@@ -28,12 +28,12 @@ from palpate.validation.states import ExitCode
 _QUIET = 1e-6
 # From good to bad: a verdict further on is worse. A skipped check says nothing.
 _RANK = {"passed": 0, "skipped": 1, "inconclusive": 2, "failed": 3}
-# What stands first in a table.
+# The changes that stand first in a table.
 _ORDER = ("worse", "gone", "larger error", "changed", "new", "better", "smaller error")
 
 
 class CheckOfRun(BaseModel):
-    """The numbers of a check that are compared."""
+    """The parts of a check that are compared."""
 
     metric: str
     against: str
@@ -62,7 +62,7 @@ class CaseOfRun(BaseModel):
 
 
 class _Run(BaseModel):
-    """What is compared of a results.json; other keys are left alone."""
+    """The parts of a results.json that are compared; other keys are left alone."""
 
     cases: list[CaseOfRun]
 
@@ -97,8 +97,8 @@ class Pair:
     Attributes:
         case: The case's name.
         check: Metric, compared with what, which strain, which element.
-        first: As the first run found it.
-        second: As the second did.
+        first: The check in the first run.
+        second: The check in the second run.
     """
 
     case: str
@@ -108,7 +108,7 @@ class Pair:
 
     @property
     def change(self) -> str:
-        """In one word: better, worse, same, new or gone; by verdict, then by the error."""
+        """The change: better, worse, same, new or gone; by verdict, then by the error."""
         if self.first is None or self.second is None:
             return "new" if self.first is None else "gone"
         ranks = [_RANK.get(check.verdict, 3) for check in (self.first, self.second)]
@@ -129,7 +129,7 @@ class Pair:
 
     @property
     def cells(self) -> tuple[str, str, str, str, str]:
-        """Its row in a table: case, check, first, second, change."""
+        """The row in a table: case, check, first, second, change."""
         both = (str(self.first or "-"), str(self.second or "-"))
         return (self.case, self.check, *both, self.change)
 

@@ -42,7 +42,7 @@ from palpate.validation.states import (
     in_silence,
 )
 
-# Where each fault is tried.
+# The cases that each fault is tried on.
 _CASES = {
     Fault.WRONG_MASS: "block-motion wave slide",
     Fault.NO_DAMPING: "block-motion decay strip",
@@ -87,11 +87,11 @@ PUBLISHED_CASES = (
     ("statics", "turned"),
     ("pressed tool", "drag"),
 )
-# Of the same equations on the same mesh; fits to a motion are as good as their samples.
+# Limits for the same equations on the same mesh; a fit to a motion is as good as its samples.
 _SAME_MESH, _FITTED = 1e-6, 1e-3
-# Of a mesh cut in eight, against the truth: what bends easily is a third off on the case's own.
+# Limit for a mesh cut in eight, against the truth: a body that bends easily is a third off.
 _OWN_MESH = 0.35
-# Of every case above, metres or millimetres.
+# A region that contains every case above, metres or millimetres.
 _EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
 # Found when the result is read, whatever is checked.
 _NOT_TELLING = (Fault.NONE, Fault.NAN)

@@ -37,7 +37,7 @@ from palpate.validation.states import (
 )
 from palpate.validation.versions import version_of
 
-# What such a check goes against, in results.
+# The value of `against` of such a check, in results.
 VERSUS = "versus"
 # Instead of a command line.
 FASTSIM = "fastsim"

@@ -37,7 +37,7 @@ def audit_on_own_mesh(
 
     Args:
         problem: Mesh, material, supports and loads, without tools.
-        displacement: At the mesh's points [m], (num_points, 3), finite.
+        displacement: Displacement at the mesh's points [m], (num_points, 3), finite.
         strain: Strain measure of the model.
         element: What the tetrahedra are.
 
@@ -187,7 +187,7 @@ class Tangent:
         )
 
     def _load_change(self, change: Points) -> Points:
-        """Of pressures, which are quadratic in the displacement: central differences are exact."""
+        """Change of pressure forces; they are quadratic: central differences are exact."""
         far = float(np.abs(change).max())
         if not far > 0.0:
             return np.zeros_like(change)
@@ -250,7 +250,7 @@ def solve_scaled(
             raise NotPositiveDefiniteError
         return image
 
-    # Of unit size: scipy takes products below eps^2 for a breakdown.
+    # Scaled to unit size: scipy takes products below eps^2 for a breakdown.
     size = float(np.linalg.norm(right / root))
     if size == 0.0:
         return np.zeros_like(right)

@@ -81,8 +81,8 @@ def spring_force(
     """Force of a spring on each point [N], (num_points, 3).
 
     Args:
-        mesh: At rest.
-        spring: With its facets in that mesh.
+        mesh: The mesh at rest.
+        spring: The spring, with its facets in that mesh.
         displacement: Displacement of the points [m].
         time: Time on the anchor's path [s]; None is the end of the path, at full stiffness.
     """
@@ -95,7 +95,7 @@ def spring_force(
 
 
 def spring_stiffness_times(mesh: TetMesh, springs: Sequence[Spring], change: Points) -> Points:
-    """What springs at full stiffness push back with if a body moves on [N], (num_points, 3)."""
+    """Forces with which springs at full stiffness resist a further motion [N], (num_points, 3)."""
     force = np.zeros_like(change)
     for spring in springs:
         kappa = spring.densities(mesh.points)
@@ -123,7 +123,7 @@ class Body:
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
         mu: The second [Pa].
         c01: Second coefficient of Mooney and Rivlin's law by cell [Pa].
-        law: What the material follows under Green strain.
+        law: The material's law under Green strain.
         fixed: Components that supports fix, (num_points, 3).
         prescribed: Their prescribed displacement [m], at full amplitude.
         touchable: Points that a tool may touch, (num_points,).
@@ -311,7 +311,7 @@ class Body:
         return [self.load(index, displacement, is_other=is_other) for index in numbers]
 
     def total(self, forces: Sequence[Points]) -> Points:
-        """Their sum; zero for none."""
+        """Sum of forces; zero for none."""
         return sum(forces, np.zeros_like(self.mesh.points))
 
     def external(
@@ -387,12 +387,12 @@ class Body:
         return gap
 
 
-# What metrics and relations ask of one problem again and again is worked out once.
+# Several metrics and relations use these numbers of a problem: they are computed once.
 body_of = lru_cache(maxsize=2)(Body)
 
 
 def factor_at_end(problem: Problem, load: Load) -> float:
-    """What a load is multiplied by at the end of a motion; 1 in statics."""
+    """Factor of a load at the end of a motion; 1 in statics."""
     if problem.time is None or load.amplitude is None:
         return 1.0
     return load.amplitude(problem.time.end_time)

@@ -26,7 +26,7 @@ Compare = Callable[[Problem, State, State], Difference]
 CompareInPart = Callable[[Problem, State, State, Part], Difference]
 Read = Callable[[Problem, State, Part, str], numbers.Number | None]
 
-# Whose error bars are of stress and energy.
+# Metrics whose error bars are of stress and energy.
 _OF_INTEGRALS = ("stress_l2", "traction_resultant", "strain_energy")
 
 
@@ -36,7 +36,7 @@ class Metric:
 
     Attributes:
         name: The name, as in a case file.
-        meaning: What it says, in one line.
+        meaning: Its meaning, in one line.
         scale: What the error is divided by.
         error: Of a candidate beside the reference on one mesh, and what reading may add to it.
         scale_of: Size of the reference that `error` is divided by, and its name for people.
@@ -48,11 +48,11 @@ class Metric:
         unit: Unit of the value.
         asks: Keys of a check that say which number is compared with one of the case file, the
             candidate's or the truth's own; empty of what compares two states.
-        read: That number; None of a displacement at a point, over time or at the end.
+        read: Reads that number; None of a displacement at a point, over time or at the end.
         components: Which `component` such a check may name.
-        dimension: Of that number: "length", "force", "stress", "volume" or "energy".
+        dimension: Dimension of that number: "length", "force", "stress", "volume" or "energy".
         bar_of: Name of the metric whose error bar the truth's number has.
-        is_alone: On its own mesh, without what it is at the case's points.
+        is_alone: Measured on the candidate's own mesh only, not at the case's points too.
         is_of_surface: A metric of a part of the surface (a support or a cut), not of cells.
         is_fitted: Its number is fitted to a motion, and is as good as the samples.
         is_lower_limit: The limit is the least that it may be, not the most.
@@ -361,9 +361,9 @@ _METRICS = (
     ),
 )
 CATALOGUE = {metric.name: metric for metric in _METRICS}
-# What the truth of a motion carries error bars for.
+# Metrics that the truth of a motion has error bars for.
 MOVING_TRUTH_METRICS = tuple(m.name for m in _METRICS if m.has_moving_truth and m.is_of_whole)
-# What the truth of every static case carries error bars for.
+# Metrics that the truth of every static case has error bars for.
 WHOLE_BODY_METRICS = tuple(m.name for m in _METRICS if m.has_whole_bar)
 
 
@@ -376,7 +376,7 @@ def measure(
         name: Name of the metric.
         problem: The problem of both states.
         candidate: The state that is judged.
-        reference: What it is compared with.
+        reference: The state that it is compared with.
         part: The part of the body, for metrics of a part.
 
     Raises:

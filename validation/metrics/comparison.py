@@ -77,7 +77,7 @@ class Pair:
 # An error and what it may be off by, both in the metric's unit.
 Measured = tuple[float, float]
 ErrorOf = Callable[[Pair], Measured]
-# What errors are divided by, in their unit, and its name.
+# The scale of errors, in their unit, and its name.
 ScaleOf = Callable[[Problem, State], tuple[float, str]]
 
 
@@ -125,7 +125,7 @@ def compare_states(
 
 @lru_cache(maxsize=2)
 def _own_pair(problem: Problem, candidate: State, own: OwnMesh, reference: State) -> Pair:
-    """At the end; the last ones are cached, for all metrics of them."""
+    """The pair at the last state; the last ones are cached, for all metrics of them."""
     read = read_between(problem.mesh, reference.displacement, reference.degree, own.mesh)
     return Pair(problem, own.mesh, own.displacements[-1], read, candidate, reference, is_own=True)
 
@@ -311,7 +311,7 @@ def surface_distances(
         )
         within = None
         if from_facets is to_facets and len(from_points) == len(to_points):
-            # Of one body in two states, a point's own position in the other is near already.
+            # In two states of one body, a point's own position in the other state is near already.
             there = _samples(to_points[chosen]).reshape(-1, 3)[first]
             within = np.linalg.norm(positions - there, axis=1)
         distances = nearest_on_surface(positions, to_points, to_facets, within).distances

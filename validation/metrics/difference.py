@@ -21,7 +21,7 @@ from palpate.validation.states import State, Trajectory
 
 # Displacements [m] beyond this have no volume that a number can hold.
 _LARGEST = 1e100
-# Of the body's size.
+# Fraction of the body's size.
 _ROUNDING = float(np.finfo(np.float64).eps)
 
 

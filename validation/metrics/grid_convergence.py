@@ -40,7 +40,7 @@ class GridConvergence:
     """What three meshes say about a number.
 
     Attributes:
-        value: On the finest mesh, in the number's own unit.
+        value: The number on the finest mesh, in its own unit.
         behaviour: How the sequence behaves.
         order: Observed order p [-]; None where there is none to observe.
         extrapolated: Richardson's value; None without an order.

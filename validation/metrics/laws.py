@@ -32,7 +32,7 @@ OTHER_STRAIN = {
 }
 _ONE = np.eye(3)
 _STEP = 1e-100
-# Of simulators for graphics and robots, which take Saint-Venant-Kirchhoff's parameters.
+# Laws of simulators for graphics and robots, which take Saint-Venant-Kirchhoff's parameters.
 _STABLE = (Law.NEO_HOOKEAN_STABLE, Law.NEO_HOOKEAN_STABLE_LOG, Law.NEO_HOOKEAN_ISOCHORIC)
 
 
@@ -155,7 +155,7 @@ def _corotated(H: Array, lmbda: Array, mu: Array) -> Array:
 
 
 def laws_instead_of(strain: Strain) -> dict[str, LawOfCells]:
-    """By name, the laws that may stand where this strain measure was asked for."""
+    """Laws that a simulator may have used where this strain measure was asked for, by name."""
     return {
         OTHER_STRAIN[strain]: linear if strain is Strain.GREEN else green,
         "engineering shear strain taken for tensor shear: shear stresses doubled": sheared(
@@ -322,7 +322,7 @@ def along(stress: Callable[[Array], Array], H: Array, dH: Array) -> Array:
 
 
 def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
-    """By name, the laws that may stand where this strain measure and law were asked for."""
+    """Laws that may have been used where this strain measure and law were asked for, by name."""
     others = laws_instead_of(strain)
     if strain is Strain.LINEAR:
         return others

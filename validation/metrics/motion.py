@@ -46,8 +46,8 @@ _SCALES = {
 SAMPLES_PER_PERIOD = 2.5
 # States that the quotient is taken over.
 _MOST_STATES = 64
-# Of a motion, before which nothing is fitted: quick modes, which a scheme damps most, are in the
-# swing until then, and their end would look like the swing's decay.
+# Part of a motion before which nothing is fitted: quick modes, which a scheme damps most, are in
+# the swing until then, and their end would look like the swing's decay.
 _EARLY = 1.0 / 3.0
 # Angles of a step between which the true frequency is looked for [rad].
 _LEAST, _MOST = 1e-9, 1e4
@@ -96,7 +96,7 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
 
 
 def _along(motion: Trajectory, point: int, axis: Array) -> Array:
-    """What a point does along an axis [m], (num_times,)."""
+    """Displacement of a point along an axis [m], (num_times,)."""
     path: Array = motion.displacements[:, point] @ axis
     return path
 
@@ -163,7 +163,7 @@ def may_be_alias(
     """Why a frequency that the states of a motion show may be another's; "" where it is not.
 
     Args:
-        problem: With mass, stiffness, supports and loads.
+        problem: The problem, with mass, stiffness, supports and loads.
         strain: Strain measure of the law that pulls the body back.
         motion: The states.
         element: Tetrahedra that pull it back: those of the candidate.

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 # Points whose neighbours' neighbours are gathered together: bounds the memory.
 _CHUNK = 1000
-# Of the doubt: at the edge of the kidney's support one is too little, two is not.
+# Factor of the doubt: at the edge of the kidney's support one is too little, two is not.
 _SAFETY = 2.0
 # Flat patches, one cell thick, do not fix all second derivatives: the smallest ones are taken.
 _RIDGE = 1e-8
@@ -62,9 +62,9 @@ class Reading:
     """A displacement read at given positions.
 
     Attributes:
-        value: [m], (num_places, 3).
-        added: What of it a linear reading would not have [m], (num_places, 3).
-        doubt: What the reading may be off by [m], (num_places,).
+        value: The displacement [m], (num_positions, 3).
+        added: The part of it that a linear reading would not have [m], (num_positions, 3).
+        doubt: The largest error of the reading [m], (num_positions,).
     """
 
     value: Points

@@ -69,7 +69,7 @@ class SinglePrecision:
 
         Args:
             metric: One that compares with a reference on the same mesh.
-            reference: That reference.
+            reference: The reference on that mesh.
             part: The part of the body, for metrics of a part.
 
         Returns:
@@ -100,7 +100,7 @@ class SinglePrecision:
         return min(float(f"{worst:.2g}"), LARGEST) if math.isfinite(worst) else LARGEST
 
     def explain(self, reference: State) -> str:
-        """Where the limits come from, for a check's reason."""
+        """The source of the limits, for a check's reason."""
         if reference.trajectory is None:
             words = "strains rounded by 4 x 2^-24 at random, by the stiffness of the case"
         else:

@@ -43,7 +43,7 @@ class Smoothing:
     """Averages over the edges and nodes of a mesh, and the stress that follows from them.
 
     Args:
-        mesh: At rest.
+        mesh: The mesh at rest.
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
         mu: The second [Pa].
         c01: Second coefficient of Mooney and Rivlin's law [Pa]; None is 0.
@@ -138,7 +138,7 @@ def _sums(groups: Indices, values: Any) -> Any:
 
 
 def _by_patch(patches: Indices, values: Array) -> Array:
-    """What all cells of a patch have."""
+    """The values that all cells of a patch have in common."""
     found = np.empty(int(patches.max()) + 1)
     found[patches] = values[:, None]
     return found

@@ -27,7 +27,7 @@ _FAR = 10.0
 
 
 class Start(Enum):
-    """What the step before the first is taken for."""
+    """The displacement that is assumed one step before the first."""
 
     RIGHT = "a(0) + dt^2/2 a''(0)"
     NONE = "a(0)"

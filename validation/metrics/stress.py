@@ -68,7 +68,7 @@ class Part:
         weights: How much of each component of a nodal force counts, 0 or 1, (num_points, 3).
         support: Number of the support from 0, whose own force it is; None of a cut or of cells.
         tool: Number of the tool from 0; None where it is of none.
-        says: What it is, for people.
+        says: A description of the part, for people.
     """
 
     cells: Indices
@@ -148,7 +148,7 @@ def traction_resultant(
 
 
 def scale_of_force(problem: Problem, state: State) -> tuple[float, str]:
-    """What errors of forces are divided by [N], and its name."""
+    """The scale that errors of forces are divided by [N], and its name."""
     largest = _largest_resultant(problem, state, read_stress(problem, state)[0])
     if largest > 0.0:
         return largest, "the reference's largest force of a load or support"
@@ -276,7 +276,7 @@ def mistaken_stress(body: Body, displacement: Points, sent: Floats, cells: Indic
 
     Args:
         body: The case's, with the element that was said.
-        displacement: As it was sent [m].
+        displacement: Displacement as it was sent [m].
         sent: Taken for Cauchy's stress [Pa], (num_cells, 3, 3).
         cells: Cells in which it is compared.
     """

@@ -27,7 +27,7 @@ _WINDOWS = 8
 _MOST_FREQUENCIES = 1200
 _SLOWEST = 24
 _PEAKS = 5
-# Of each decay rate's grid, frequencies that are fitted one by one.
+# Number of frequencies of each decay rate's grid that are fitted one by one.
 _FITTED = 4
 # Cosine and sine are separated where their Gram determinant is this part of what it would be
 # at right angles.
@@ -105,7 +105,7 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
 
 @lru_cache(maxsize=32)
 def _best_fit(times: bytes, values: bytes, spread: float) -> Oscillation:
-    """Of a series that begins at 0 s; every number of one swing asks for the same fit."""
+    """Fit of a series that begins at 0 s; every number of one swing asks for the same fit."""
     t, x = np.frombuffer(times), np.frombuffer(values)
     return _refine(t, x, *_first_guess(t, x), spread)
 
@@ -124,7 +124,7 @@ def fit_uncertainty(
     Args:
         times: Times of the samples, as in `fit_oscillation`.
         values: Values of the samples, as in `fit_oscillation`.
-        fitted: What `fit_oscillation` found of them; it is asked where None.
+        fitted: Result of `fit_oscillation` for them; computed where None.
 
     Raises:
         InputError: As `fit_oscillation`.

@@ -55,8 +55,8 @@ _DRIVEN = 4.0
 # Outputs at least, and outputs in a period, whose second differences resolve a motion.
 _FEWEST_OUTPUTS = 8
 _OUTPUTS_PER_PERIOD = 4
-# Of the largest state, and of the body: what single precision leaves of a displacement, and of
-# one that was taken from positions.
+# Fraction of the largest state, and of the body: what single precision leaves of a displacement,
+# and of one that was taken from positions.
 _ROUNDING = 1e-5
 _ROUNDING_OF_PLACES = 1e-6
 
@@ -127,7 +127,7 @@ def cell_rotations(mesh: TetMesh, displacement: Points) -> Floats:
     Of the rotation nearest to its deformation gradient (Higham 1989).
 
     Args:
-        mesh: At rest.
+        mesh: The mesh at rest.
         displacement: [m], shape (num_points, 3).
     """
     corners = displacement[mesh.cells].transpose(0, 2, 1)
@@ -239,7 +239,7 @@ def largest_acceleration(
     """Bound of sqrt(a.M a) over the whole motion [m/s2 sqrt(kg)].
 
     Args:
-        problem: With its time span, from rest or with an initial velocity.
+        problem: The problem with its time span, from rest or with an initial velocity.
         strain: Strain measure of the law by which the supports pull.
         outputs: The motion at the outputs; looked at where supports move or tools press.
         element: Tetrahedra that the supports pull at.
@@ -307,7 +307,7 @@ def _by_start(problem: Problem, velocity: Points) -> float:
 def _seen(
     problem: Problem, strain: Strain, outputs: Trajectory, mass: Points, element: Element
 ) -> float:
-    """From the second differences of the outputs; infinite where they do not resolve the motion."""
+    """Estimate by second differences of the outputs; infinite where they are too coarse for it."""
     interval = float(outputs.times[1] - outputs.times[0])
     bends = np.diff(outputs.displacements, 2, axis=0)
     if len(bends) + 1 < _FEWEST_OUTPUTS:

@@ -30,7 +30,7 @@ ENERGY = "strain_energy"
 
 
 def whole_metrics(problem: Problem) -> tuple[str, ...]:
-    """What has a bar of every body as a whole, and of the tools on it."""
+    """Metrics that have a bar for every body as a whole, and for the tools on it."""
     return (*WHOLE_BODY_METRICS, *(["tool_force"] if problem.tools else []))
 
 
@@ -91,7 +91,7 @@ def solve_truth(
 def truth_of(
     problem: Problem, strain: Strain, request: TruthRequest, found: AdaptiveResult
 ) -> tuple[State, dict[str, float], dict[str, Any]]:
-    """What `refine_truth` has found, as `solve_truth` returns it."""
+    """The result of `refine_truth`, as `solve_truth` returns it."""
     seconds = float(found.seconds.sum())
     integrals = None
     if request.named_parts(strain) or request.asks_energy(strain):

@@ -36,7 +36,7 @@ from palpate.validation.metrics import CATALOGUE, Part
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State
 
-# By metric (or `name_of_part`) and strain measure, relative to the metric's scale.
+# Error bars by metric (or `name_of_part`) and strain measure, relative to the metric's scale.
 Bars = dict[tuple[str, Strain], float]
 
 # Relative: what solves to 1e-10 of the forces may leave in a number.
@@ -48,7 +48,7 @@ SAFETY_FACTOR = 3.0
 FAR = 0.5
 # Key of the parts in a file's provenance.
 PARTS = "bar_parts"
-# And what the case's mesh is a polyhedron of.
+# Key of the true surface that the case's mesh approximates.
 GEOMETRY = "geometry"
 _WORDS = {"discretisation": "mesh"}
 # Fraction of the whole: a smaller part is not reported in a verdict.
@@ -118,7 +118,7 @@ def with_bar(parts: BarParts, bar: float) -> BarParts:
 
 
 def as_record(parts: Mapping[tuple[str, Strain], BarParts]) -> dict[str, dict[str, float | None]]:
-    """For a file's provenance; JSON knows no infinity: None."""
+    """The parts for a file's provenance; infinity, which JSON does not have, is None."""
     return {
         f"{metric}|{strain}": {
             name: value if math.isfinite(value) else None
@@ -199,7 +199,7 @@ def without_limits(
 
 
 def name_of_part(metric: str, part: Part) -> str:
-    """What a metric of a part is called among error bars: the same cells, the same name."""
+    """Name of a part's metric among error bars: the same cells, the same name."""
     arrays = {
         "cells": np.sort(part.cells).astype(np.int64),
         "weights": part.weights,

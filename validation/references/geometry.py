@@ -59,10 +59,10 @@ from palpate.validation.states import Progress, State, StressIntegrals
 # Cells of the pair that are still quadratic; of linear ones the relative difference is as good as
 # they are stiff, some ten per cent of the part.
 _LARGEST_QUADRATIC = 12_000
-# Of a motion, which takes hundreds of solves; and its steps from output to output.
+# The same of a motion, which takes hundreds of solves; and its steps from output to output.
 _LARGEST_QUADRATIC_MOVING = 1_500
 _STEPS = 2
-# What the pair may take where nobody waits for a stored truth [s], for each strain measure.
+# Time limit of the pair where nobody waits for a stored truth [s], for each strain measure.
 LIVE_SECONDS = 300.0
 
 Found = dict[str, float]
@@ -179,7 +179,7 @@ def _metrics(problem: Problem) -> tuple[str, ...]:
 
 
 def _how(case: Case, body: TrueBody) -> dict[str, Any]:
-    """What the pair is solved with, for the file."""
+    """The settings that the pair is solved with, for the file."""
     cells = body.base.mesh.num_cells
     if case.problem.time is None:
         return {"cells": cells, "degree": 2 if cells <= _LARGEST_QUADRATIC else 1}
@@ -189,7 +189,7 @@ def _how(case: Case, body: TrueBody) -> dict[str, Any]:
 
 
 def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
-    """By metric, or part of the body, how far the true body is from the polyhedron.
+    """How far the true body is from the polyhedron, by metric or part of the body.
 
     The distance is in units of the metric's scale.
     """
@@ -243,7 +243,7 @@ def _of_motion(pair: _Pair) -> Found:
         for metric, most in found.items():
             apart = pair.body.factor * difference(metric, problem, second, first)
             found[metric] = max(most, apart)
-    # Of two swings that are out of step one number may agree by chance.
+    # A single number of two swings that are out of step may agree by chance.
     found["max_displacement"] = max(found["max_displacement"], found["displacement_max"])
     return found
 
@@ -260,7 +260,7 @@ def _as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
 def _compare_stresses(
     problem: Problem, base: _Solved, other: _Solved, named: Mapping[str, Part]
 ) -> dict[str, float]:
-    """By name of a part, and for the energy, the difference over the metric's scale [-].
+    """The difference over the metric's scale [-], by name of a part, and for the energy.
 
     Args:
         problem: The case's.
@@ -283,7 +283,7 @@ def _compare_stresses(
 
 
 def _with_integrals(problem: Problem, state: State) -> _Solved:
-    """With integrals where the state has stresses only."""
+    """The state, with integrals where it has stresses only."""
     if state.integrals is not None or state.stresses is None:
         return problem, state
     return problem, dataclasses.replace(
@@ -309,7 +309,7 @@ def _over_cells(problem: Problem, own: Problem, state: State) -> State:
 
 
 def _force(problem: Problem, own: Problem, state: State, part: Part) -> Floats:
-    """Of a support what it exerts on the body, pressures on its points left out; of a cut [N]."""
+    """Force of a support on the body, pressures on its points left out; or through a cut [N]."""
     assert state.integrals is not None
     if part.support is not None:
         return np.array([reaction(own, state, part, axis).value for axis in "xyz"])
@@ -324,7 +324,7 @@ def _ratio(apart: float, scale: float) -> float:
 
 
 def shape_of(references: ReferenceSet) -> str:
-    """What the case's mesh is a polyhedron of, in words; empty where nothing is stored of it."""
+    """The surface that the case's mesh approximates, in words; empty where none is stored."""
     return str(_record(references).get("of", ""))
 
 

@@ -74,19 +74,19 @@ LIVE_STEPS = (1, 2)
 # Steps from output to output: all of them on the second mesh.
 STEPS = (2, 4, 8)
 _MESHES = 3
-# Of the roughness of the strain over a motion, in the cells that are cut for the next mesh: the
-# first that makes it at most so many times as large.
+# Fraction of the roughness of the strain over a motion in the cells that are cut for the next mesh:
+# the first that makes it at most so many times as large.
 BULKS = (0.7, 0.5, 0.3)
 GROWTH = 4
-# Of generalised-alpha in the time step; in the mesh less at clamped edges, more inside.
+# Order of generalised-alpha in the time step; in the mesh less at clamped edges, more inside.
 _ORDER = 2.0
 # Relative: seven digits stored, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
 # Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
 _NORMS = ("displacement_l2", "displacement_max", "max_displacement", "trajectory_l2")
-# Of the last difference of a norm over the one before: more, and nothing settles.
+# Largest ratio of the last difference of a norm to the one before: above it, nothing settles.
 LARGEST_GROWTH = 1.5
-# Of a motion's outputs, the last ones, over which its end is compared: see `difference`.
+# The last fraction of a motion's outputs, over which its end is compared: see `difference`.
 LAST_PART = 0.25
 LEAST_OUTPUTS = 4
 
@@ -285,7 +285,7 @@ def refine_where_rough(problem: Problem, run: State) -> tuple[Problem, float]:
 
     Args:
         problem: The problem whose mesh is refined.
-        run: Its motion.
+        run: The motion of that problem.
     """
     for bulk in BULKS:
         finer = refine_cells(problem, rough_cells(problem.mesh, run, bulk)).problem
@@ -302,7 +302,7 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
 
     Args:
         mesh: Mesh of the run.
-        run: With its trajectory at the mesh's points.
+        run: The run, with its trajectory at the mesh's points.
         part: Fraction of the whole, summed over the outputs [-], 0 to 1.
 
     Returns:
@@ -330,7 +330,7 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
 
 
 def truth_metrics(problem: Problem) -> tuple[str, ...]:
-    """What the truth of a motion has error bars for."""
+    """Metrics that the truth of a motion has error bars for."""
     return tuple(
         name for name in MOVING_TRUTH_METRICS if problem.tools or not CATALOGUE[name].needs_tools
     )
@@ -438,5 +438,5 @@ def _bar_of(convergence: GridConvergence) -> float:
 
 
 def _as_data(found: Mapping[str, GridConvergence]) -> dict[str, dict[str, Any]]:
-    """For the file and the report."""
+    """The convergence as plain data, for the file and the report."""
     return {metric: dataclasses.asdict(convergence) for metric, convergence in found.items()}

@@ -25,7 +25,7 @@ QUADRATIC = "reference P2"
 # P2 on finer meshes of the case's body.
 TRUTH = "reference P2, refined"
 
-# What checks go against.
+# The references that checks are against.
 BOTH = ("same_mesh", "truth")
 # The reference on the case's mesh, by what its tetrahedra are.
 OF_ELEMENT = {Element.LINEAR: SAME_MESH, Element.SMOOTHED: SMOOTHED}
@@ -64,7 +64,7 @@ class ReferenceSet:
     remarks: tuple[str, ...] = ()
 
     def of_element(self, element: Element) -> ReferenceSet:
-        """What a candidate with this element is compared with: no other element's states."""
+        """The set for a candidate with this element: without the states of other elements."""
         others = [label for kind, label in OF_ELEMENT.items() if kind is not element]
         every = {**self.aside, **self.states}
         states = {place: state for place, state in every.items() if place[0] not in others}
@@ -106,7 +106,7 @@ class ReferenceSet:
         return truth
 
     def bar_parts(self, metric: str, strain: Strain) -> BarParts:
-        """What the error bar of a metric is made of; infinite where it has none."""
+        """The parts of a metric's error bar; infinite where it has none."""
         bar = self.bars.get((metric, strain), math.inf)
         return recorded(self.provenance, metric, strain, bar)
 

@@ -34,9 +34,9 @@ _SPECTRAL_RADIUS = 0.9
 # The force of a tool is that of where it is at a step's end, along the normals there. So all forces
 # are balanced there: else it would push backwards as it slides, by a part of its way in a step.
 _WITH_TOOLS = 0.0
-# Of a step's forces, what is left: no bar of a tool's force is within a thousand times that.
+# Residual of a step's forces, relative: no bar of a tool's force is within a thousand times that.
 _BALANCED_WITH_TOOLS = 1e-6
-# Of an implicit motion that is to be the truth, the shortest of those that bound its error.
+# Steps per output of an implicit truth: the shortest of those that bound its error.
 STEPS_PER_OUTPUT = 4
 TIME_LIMIT = 4 * 3600.0
 
@@ -321,7 +321,7 @@ def state_of(
 
 
 def first_state(found: AdaptiveResult, **rest: Any) -> State:
-    """What an adaptive truth, begun from nothing, found on the case's mesh; as `state_of`."""
+    """The result of an adaptive truth, begun from nothing, on the case's mesh; as `state_of`."""
     first, seconds = found.first, float(found.seconds[0])
     assert first is not None
     return state_of(
@@ -383,7 +383,7 @@ def _timed(
     time_limit: float,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[_Result, float]:
-    """What a task finds in a process of its own, and the seconds that took."""
+    """The result of a task in a process of its own, and the seconds that it took."""
     from palpate.reference.child import run_task
 
     start = time.perf_counter()

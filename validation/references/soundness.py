@@ -49,10 +49,10 @@ _SINGLE = 1e-6
 # be the square root of their number above that, and another order of summing takes the rest.
 _SOLVED_TO = 1e-10
 _SLACK = 10.0
-# Of the largest nodal force: solved to 1e-10, summed over the points of a cell cut in eight twice.
+# Fraction of the largest nodal force: solved to 1e-10, summed over a cell cut in eight twice.
 _BALANCED_TO = 1e-7
-# Of a trajectory's largest displacement: rounding grows at most with the square of the number of
-# steps, (1e4)^2 eps = 2e-8, and the least mistake worth finding is 1 %.
+# Fraction of a trajectory's largest displacement: rounding grows at most with the square of the
+# number of steps, (1e4)^2 eps = 2e-8, and the least mistake worth finding is 1 %.
 _REPLAY = 1e-6
 # Steps that are repeated whenever a motion is read: some milliseconds. `palpate reference check`
 # repeats them all.
@@ -66,7 +66,7 @@ def find_contradictions(
 
     Args:
         problem: The case's problem.
-        references: As read from a file.
+        references: The references as read from a file.
         thoroughly: Repeat every step of a motion on the same mesh, not the first few only.
     """
     found = []
@@ -114,7 +114,7 @@ def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
 
 
 def _wrong_parts(references: ReferenceSet) -> Iterator[str]:
-    """What cannot be in a record of parts: rows without a bar, no numbers, other sums."""
+    """Contradictions in a record of parts: rows without a bar, no numbers, other sums."""
     table = references.provenance.get(PARTS, {})
     if not isinstance(table, Mapping):
         yield f"{PARTS}: not a table"
@@ -136,7 +136,7 @@ class _Records:
     def __init__(self, provenance: Mapping[str, Any]) -> None:
         self._adaptive = _table(provenance, ADAPTIVE)
         self._steps = _table(provenance, "convergence")
-        # Of three meshes, each cut in eight.
+        # Records of three meshes, each cut in eight.
         self._eighths = _table(provenance, "grid_convergence")
 
     def least_bars(self) -> dict[tuple[str, Strain], float]:
@@ -181,7 +181,7 @@ def _number(holder: Mapping[str, Any], key: str) -> float | None:
 
 
 def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
-    """What would make every other question pointless."""
+    """Errors that would make every other question pointless."""
     shape = problem.mesh.points.shape
     if _DEGREES.get(label, state.degree) != state.degree:
         yield f"degree {state.degree}; its name stands for degree {_DEGREES[label]}"
@@ -256,7 +256,7 @@ def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
     values = [float(getattr(state, name)) for name in SCALARS]
     if not np.isfinite(values).all():
         yield f"{', '.join(SCALARS)} = {values}: not all finite"
-    # Of all bodies of an area the ball holds most: A^3 >= 36 pi V^2.
+    # Of all bodies of one area the ball has the largest volume: A^3 >= 36 pi V^2.
     elif state.surface_area**3 < 36.0 * math.pi * state.volume**2 * (1.0 - _ROUNDING):
         yield (
             f"no body of {state.surface_area:.6g} m2 holds {state.volume:.6g} m3 "

@@ -58,7 +58,7 @@ from palpate.validation.references.reference_set import (
 from palpate.validation.references.runs import first_state, solve_state, state_of, stresses_of
 from palpate.validation.states import Progress, State
 
-# Of the largest graded mesh, and time for all of one strain measure [s]: with it a case of 5 000
+# Unknowns of the largest graded mesh, and time for all of one strain measure [s]: a case of 5 000
 # cells has three meshes within about half a minute of one core.
 UNKNOWNS = 80_000.0
 SECONDS = 120.0
@@ -344,7 +344,7 @@ class _LiveRun:
         return "; ".join(parts) or "no error bars"
 
     def remarks(self) -> list[str]:
-        """How the graded meshes ended, and where linear tetrahedra are of no use."""
+        """Remarks on how the graded meshes ended, and where linear tetrahedra are of no use."""
         remarks = list(self._remarks)
         for strain in Strain:
             linear = self.states.get((SAME_MESH, strain))

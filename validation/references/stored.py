@@ -29,7 +29,7 @@ from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.states import REFERENCE, State, StressIntegrals, Trajectory
 
 SCHEMA = 1
-# Of a symmetric tensor: xx, yy, zz, yz, xz, xy.
+# Components of a symmetric tensor: xx, yy, zz, yz, xz, xy.
 _UPPER = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
 _HASH = "sha256"
 
@@ -58,7 +58,7 @@ class UnsoundReferenceError(UntrustedReferenceError):
 
 
 def references_folder(beside: Path | None = None) -> Path:
-    """Where stored references lie; PALPATE_REFERENCES names another folder.
+    """The folder of stored references; PALPATE_REFERENCES names another folder.
 
     Args:
         beside: Folder of one's own case: they lie in `references` there. Built-in cases where None.
@@ -338,7 +338,7 @@ def write_reference(
 
 
 def _entry(state: State) -> dict[str, Any]:
-    """What the header says of a state."""
+    """The header's record of a state."""
     forces = None if state.tool_forces is None else state.tool_forces.tolist()
     more = {"tool_forces": forces, "versions": dict(state.versions)}
     entry = {

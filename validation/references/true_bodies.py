@@ -33,7 +33,7 @@ from palpate.validation.case.units import Units
 from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.exchange.point_location import nearest_on_surface
 
-# Of built-in shapes that are curved: what their polyhedron is one of.
+# Names of the true surfaces of built-in shapes that are curved.
 CURVED = {
     "cylinder": "a cylinder",
     "sphere": "a sphere",
@@ -59,7 +59,7 @@ class TrueBody:
         of: Name of the body in words: "a cylinder".
         base: The case's polyhedron.
         others: The same cells with their boundary on the true surface, or as far as it may be.
-        factor: What their difference is multiplied by.
+        factor: Factor of their difference.
     """
 
     of: str
@@ -69,7 +69,7 @@ class TrueBody:
 
 
 def name_of_body(case: Case) -> str:
-    """What the case's mesh is a polyhedron of, in words; empty where it is flat or nobody knows."""
+    """The surface that the case's mesh approximates; empty where it is flat or nobody knows."""
     spec, asked = case.spec, case.spec.truth
     if asked.geometry_distance is not None:
         return f"a body within {asked.geometry_distance:g} {spec.units.length} of it"
@@ -79,7 +79,7 @@ def name_of_body(case: Case) -> str:
 
 
 def surface_key(case: Case) -> str:
-    """Of the file that `[truth] surface` names; empty where it names none."""
+    """Key of the file that `[truth] surface` names; empty where it names none."""
     name = case.spec.truth.surface
     if name is None:
         return ""
