@@ -1,24 +1,29 @@
-"""A support names all that it holds, however it is given."""
+"""Supports and loads: their points, supports that contradict each other, facets inside a body."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 from palpate.fastsim.statics import solve_static
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     Load,
     PointForce,
     Pressure,
+    Rotation,
     Support,
     Traction,
 )
-from palpate.meshes.bricks import brick_box
-from palpate.meshes.errors import IndexRangeError
-from palpate.meshes.problem import Material, Problem
+from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.errors import DisagreeingSupportsError, FacetNotOnBoundaryError, IndexRangeError
+from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
+from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.validation.exchange.nodal_arrays import fixed_components
 from palpate.validation.metrics.audit import audit_on_own_mesh
 
@@ -77,3 +82,121 @@ def test_lists_of_points_and_facets_are_as_good_as_arrays() -> None:
     assert solve_static(problem).displacement[:, 0].max() > 0.0
     given = problem.loads[0]
     assert dataclasses.replace(problem).loads[0] is given
+
+
+MESH = brick_box((2, 2, 2), (1.0, 1.0, 1.0))
+ROOT, FLOOR = side(MESH, 0, 0.0), side(MESH, 2, 0.0)
+SOFT = Material(1e3, 0.3)
+EDGE = np.intersect1d(ROOT, FLOOR).tolist()
+UP = (False, False, True)
+
+
+def problem(*supports: Support, time: TimeSpan | None = None) -> Problem:
+    return Problem(MESH, SOFT, supports, (), time)
+
+
+def refused(*supports: Support, time: TimeSpan | None = None) -> DisagreeingSupportsError:
+    with pytest.raises(DisagreeingSupportsError) as caught:
+        problem(*supports, time=time)
+    return caught.value
+
+
+def test_two_places_of_one_component() -> None:
+    lifted = held(FLOOR, UP, (0.0, 0.0, 0.01))
+    error = refused(held(ROOT), lifted)
+    assert error.points == EDGE
+    assert error.supports == (1, 2)
+    assert "along z one wants 0 m and the other 0.01 m; separate" in str(error)
+    assert refused(lifted, held(side(MESH, 0, 1.0), UP), held(ROOT)).supports == (1, 2)
+    # Other components, or the same place, or no shared point, agree.
+    problem(held(ROOT, (True, True, False)), lifted)
+    problem(held(ROOT, displacement=(0.0, 0.0, 0.01)), lifted)
+    problem(held(side(MESH, 2, 1.0)), lifted)
+
+
+def test_a_turn_agrees_where_it_does_not_move() -> None:
+    turned = dataclasses.replace(
+        held(ROOT), rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), 0.3)
+    )
+    problem(turned, held(FLOOR, (False, True, False)))
+    # The axis runs through the edge, the only points that both hold.
+    problem(turned, held(FLOOR))
+    off = dataclasses.replace(turned, rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.5), 0.3))
+    error = refused(off, held(FLOOR))
+    assert error.points == EDGE
+    # By half a turn about the edge's middle line: x goes to 2 r, sin(0.3) / 2 here.
+    assert f"{math.sin(0.3) * -0.5:.6g} m" in str(error)
+    # A whole turn comes back; half-way it is elsewhere.
+    whole = dataclasses.replace(
+        turned, rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.5), 2 * math.pi)
+    )
+    refused(whole, held(FLOOR))
+
+
+def test_slanted_planes_agree_where_they_cross_and_where_one_follows_from_others() -> None:
+    s = math.sqrt(0.5)
+    slope = Support(np.unique(ROOT), ROOT, normal=(s, 0.0, s))
+    floor = held(FLOOR, (True, False, True), (0.02, 0.0, 0.0))
+    error = refused(floor, slope)
+    assert error.points == EDGE
+    assert error.supports == (1, 2)
+    assert "(0.7071, 0, 0.7071)" in str(error)
+    along = dataclasses.replace(slope, displacement=(0.02, 0.0, 0.0))
+    problem(floor, along)
+    # Rollers leave x free: nothing to disagree on.
+    problem(held(FLOOR, UP, (0.0, 0.0, 0.01)), slope)
+    twice = dataclasses.replace(slope, displacement=(0.0, 0.0, 0.01))
+    assert refused(slope, twice).supports == (1, 2)
+
+
+def test_in_motion_every_time_counts() -> None:
+    time = TimeSpan(1.0)
+    ramp, late = (
+        TabularAmplitude((0.0, t, 1.0), (0.0, 1.0, 1.0), is_smooth=True) for t in (0.2, 0.5)
+    )
+    lift = (0.0, 0.0, 0.01)
+    one = held(ROOT, displacement=lift)
+    both = [dataclasses.replace(one, amplitude=a) for a in (ramp, late)]
+    other = held(FLOOR, UP, lift)
+    error = refused(both[0], dataclasses.replace(other, amplitude=late), time=time)
+    # The middle of the first stretch: half of one lift, 0.1 s into the other's half second.
+    assert error.time == pytest.approx(0.1)
+    assert "at 0.1 s" in str(error)
+    problem(both[0], dataclasses.replace(other, amplitude=ramp), time=time)
+    # Statics take amplitudes as 1.
+    problem(both[0], dataclasses.replace(other, amplitude=late))
+
+
+def inside() -> np.ndarray:
+    every = MESH.cells[:, CELL_FACETS].reshape(-1, 3)
+    known = {tuple(row) for row in np.sort(MESH.boundary_facets, axis=1).tolist()}
+    return np.array([row for row in every if tuple(sorted(row.tolist())) not in known][:1])
+
+
+def test_facets_inside_the_body_are_refused() -> None:
+    facets = np.vstack([ROOT, inside()])
+    plate = RigidTool(
+        PlaneShape(), ToolPath(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+    )
+    for what, given in (
+        ("facets of load 1", {"loads": (Pressure(facets, 1.0),)}),
+        ("facets of load 1", {"loads": (Traction(facets, (1.0, 0.0, 0.0)),)}),
+        ("facets of support 2", {"supports": (held(FLOOR), held(facets))}),
+        (
+            "contact_facets of tool 1",
+            {"tools": (dataclasses.replace(plate, contact_facets=facets),)},
+        ),
+    ):
+        told = {"supports": (held(FLOOR),), "loads": ()} | given
+        with pytest.raises(FacetNotOnBoundaryError, match=what) as caught:
+            Problem(MESH, SOFT, **told)
+        assert caught.value.rows == [len(ROOT)]
+        assert str(inside()[0].tolist()) in str(caught.value)
+        assert "choose boundary facets" in str(caught.value)
+
+
+def test_a_facet_twice_is_refused_whatever_its_corners_order() -> None:
+    twice = np.vstack([ROOT, ROOT[:1, [1, 2, 0]]])
+    with pytest.raises(FacetNotOnBoundaryError, match="given twice") as caught:
+        Problem(MESH, SOFT, (held(FLOOR),), (Traction(twice, (1.0, 0.0, 0.0)),))
+    assert caught.value.rows == [len(ROOT)]
