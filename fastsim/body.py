@@ -235,7 +235,7 @@ class Body:
         cells decide the step of the whole body.
 
         Raises:
-            InputError: Of the smoothed element, whose patches decide and not its cells.
+            InputError: The element is smoothed: its patches decide, not its cells.
         """
         if self.element is Element.SMOOTHED:
             raise InputError("smoothed tetrahedra have no step cell by cell; use the linear ones")

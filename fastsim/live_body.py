@@ -157,11 +157,11 @@ class LiveBody:
 
     Attributes:
         tools: In the problem's order.
-        springs: Those of the problem, in its order.
+        springs: Springs of the problem, in its order.
         time_step: [s].
 
     Raises:
-        InputError, UnstableStepError, ToolError: As `ExplicitBody` does.
+        InputError, UnstableStepError, ToolError: For the same reasons as `ExplicitBody`.
 
     Example:
         >>> import numpy as np
@@ -227,7 +227,7 @@ class LiveBody:
 
     @property
     def displacement(self) -> Points:
-        """Present displacement [m], shape (num_points, 3): read-only, always the same array."""
+        """Displacement [m], shape (num_points, 3): read-only, always the same array, read anew."""
         return self._engine.displacement
 
     @property
@@ -266,7 +266,7 @@ class LiveBody:
         self._goals = {}
         self._log.went(begin, begin + num_steps, sent, goals)
         if self.tools:
-            engine.run.take_tool_records()  # impulses begin anew
+            engine.run.take_tool_records()  # impulses restart from zero
         engine.step(num_steps)
         self._is_read, self._span = not self.tools, num_steps * self.time_step
 
@@ -298,7 +298,7 @@ class LiveBody:
         return LiveSpring(self, spring)
 
     def reset(self) -> None:
-        """Begin anew at time 0: tools and springs as the problem has them."""
+        """Return to time 0, with tools and springs as in the problem."""
         self._engine.change_springs(self._first.anew())
         self._engine.set_state(np.zeros_like(self._positions))
         self._begin()
@@ -466,7 +466,7 @@ class DriveLog:
         if held.knots:
             steps = sorted(held.knots)
             path = AnchorPath(dt * np.array(steps), np.array([held.knots[k] for k in steps]))
-        # On and off within the step before: forces are found at whole steps.
+        # Switched on and off within the step before, since forces act at whole steps.
         if held.begin > 0:
             factors |= {held.begin - 1: 0.0, held.begin: 1.0}
         if held.end is not None and held.end < num_steps:

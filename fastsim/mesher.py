@@ -207,7 +207,7 @@ def mesh_surface(
         boundary: Whether the surface's facets are preserved, or may be replaced by better ones.
         boundary_distance: How far a free boundary may lie from the given one [m], > 0; see
             `surface_remesher`.
-        seed: Of the jitter; the same seed gives the same mesh.
+        seed: Seed of the jitter; the same seed gives the same mesh.
         least_altitude: Cells with a smaller altitude are improved as slivers are [m]; 0 takes what
             the surface's thinnest facet and mean edge suggest.
         time_limit: Seconds after which there is an error and no mesh, > 0; None is no limit.

@@ -186,7 +186,7 @@ def load_condensed(
     """Read a model that `CondensedModel.save` wrote, for the same problem and arguments.
 
     Args:
-        path: Of the file.
+        path: The file.
         problem: Mesh, material, supports, loads and springs, as in `condense`.
         element: Linear tetrahedra, plain or smoothed.
         touched: Points on which forces may act; None is the boundary, as in `condense`.

@@ -46,7 +46,7 @@ class Condensed:
 
         Args:
             kept: Displacements of the retained points, shape (3 num_kept, n).
-            num_points: Of the mesh.
+            num_points: Number of points of the mesh.
             offsets: Factor of each right-hand side, shape (num_columns, n); None is zero.
 
         Returns:

@@ -49,12 +49,12 @@ class CondensedModel:
             ones, shape (num_seen,).
         blocks: The compliance [m/N], 3 x 3 blocks row by row, shape (num_blocks, 9), as
             core/condensed/compliance.hpp has them: symmetric, so half of it.
-        load_displacement: Of the seen points under the problem's loads [m], (num_seen, 3).
+        load_displacement: Displacement of seen points by the problem's loads [m], (num_seen, 3).
         terms: What moves the supports.
-        term_displacements: Of the seen points under each term of factor 1 [m], (n, num_seen, 3).
+        term_displacements: Displacement of seen points by each term [m], (n, num_seen, 3).
         anchor_displacements: Of the seen points by the anchor of each spring along x, y, z [m/m],
             shape (num_springs, 3, num_seen, 3).
-        key: Of problem, element and points; a file of another key is refused.
+        key: Hash of problem, element and points; a file of another key is refused.
         inside: From which the points inside follow; None if it was not stored.
     """
 
@@ -312,7 +312,7 @@ def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> P
     Args:
         model: With its inside.
         touched: Displacement of the touched points [m], shape (num_touched, 3).
-        factors: Of the loads, of each term, and displacements of the springs' anchors [m].
+        factors: Factors of the loads and of each term; displacements of the anchors [m].
     """
     assert model.inside is not None
     problem = model.problem

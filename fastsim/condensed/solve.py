@@ -46,7 +46,7 @@ class CondensedResult:
         tool_forces: On each tool at the end of its path [N], shape (num_tools, 3).
         num_touched: Points of the compliance.
         model_bytes: Size of the compliance.
-        steps: Of the tools.
+        steps: Number of steps of the tools.
         iterations: Newton iterations of contact.
     """
 

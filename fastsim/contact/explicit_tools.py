@@ -229,8 +229,8 @@ class ExplicitTools:
 
         Args:
             times: Of the records [s], shape (n,).
-            steps: Where the tools' paths were, shape (n, num_tools) of `TOOL_STEP`.
-            records: What acted on them, shape (n, num_tools) of `TOOL_RECORD`.
+            steps: Poses on the tools' paths, shape (n, num_tools) of `TOOL_STEP`.
+            records: Loads on the tools, shape (n, num_tools) of `TOOL_RECORD`.
         """
         spans = np.concatenate([[np.inf], np.diff(times)])[:, None]
         out = []
