@@ -1,1 +1,1 @@
-"""The verbs of the command line that have options of their own."""
+"""The verbs of the command line."""

@@ -1,4 +1,4 @@
-"""`palpate cases|init|schema|check|import|export`: case files, before anything is solved."""
+"""`palpate cases|init|schema|check|import|export`: case files before anything is solved."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _require_new(*paths: Path) -> None:
 
 
 def _print_preview(case: Case) -> None:
-    """What a case is and will cost, and what looks wrong in it."""
+    """Print what a case is and will cost, and what looks wrong in it."""
     from palpate.validation.report.preview import look_at
 
     look = look_at(case)

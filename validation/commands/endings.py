@@ -1,4 +1,4 @@
-"""How a command ends: by a verdict, an error, a signal, or with nobody left to read it."""
+"""How a command ends: by a verdict, an error or a signal, or with no reader left."""
 
 from __future__ import annotations
 
@@ -31,33 +31,33 @@ if TYPE_CHECKING:
 _STOPS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-# The first that fits.
+# The exit code of an error is that of the first class that fits.
 _CODES: dict[type[Exception], ExitCode] = {
     InputError: ExitCode.UNUSABLE_INPUT,
     ReferenceUnavailableError: ExitCode.UNUSABLE_INPUT,
     ReferenceFailedError: ExitCode.INCONCLUSIVE,
     CandidateFailedError: ExitCode.FAILED,
 }
-# The core answers no signal while it computes: so long it is waited for [s].
+# The core handles no signal while it computes: it is waited for during this time [s].
 _PATIENCE = 5.0
 
 
 @dataclass
 class Stop:
-    """Which signal asked to end, if one did."""
+    """The signal that asked to end, if there was one."""
 
     number: int | None = None
 
 
 @contextmanager
 def stoppable() -> Iterator[Stop]:
-    """Turn the signals that ask to end into KeyboardInterrupt, raised where the program stands.
+    """Turn the signals that ask to end into KeyboardInterrupt, raised at the present statement.
 
-    This yields which it was: a library may take the error for its own.
+    This yields the signal that it was: a library may catch the error as its own.
 
-    Signals that are ignored, under nohup say, stay so. Where the main thread is deep in a
-    computation and cannot answer, the process ends after some seconds all the same: what it
-    started ends with it, and what it left is swept by the next run.
+    Signals that are ignored, under nohup say, stay ignored. Where the main thread is deep in a
+    computation and cannot react, the process still ends after some seconds: its child processes
+    end with it, and the next run removes what it left.
     """
     if threading.current_thread() is not threading.main_thread():
         yield Stop()  # only the main thread can take signals
@@ -72,7 +72,7 @@ def stoppable() -> Iterator[Stop]:
             signal.signal(other, signal.SIG_IGN)  # a second one must not disturb the tidying
         raise KeyboardInterrupt
 
-    # None: taken by somebody's C code.
+    # None means that C code handles the signal.
     free = [n for n in _STOPS if signal.getsignal(n) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, stop) for number in free}
     woken, wake = os.pipe()
@@ -100,9 +100,9 @@ def _end_if_deaf(woken: int, answered: threading.Event) -> None:
 
 
 class _PatientFile(io.FileIO):
-    """A stream whose reader may leave, as `head` does: the rest goes nowhere.
+    """A stream whose reader may leave, as `head` does: the rest is discarded.
 
-    Other trouble, a full disk say, is raised once: at the interpreter's end nobody could tell it.
+    Another error, a full disk say, is raised once: at the interpreter's end none can be reported.
     """
 
     is_lost = False
@@ -122,13 +122,13 @@ class _PatientFile(io.FileIO):
 
 
 def outlive_readers() -> None:
-    """Let standard output and error outlive who reads them: the verdict does not depend on it."""
+    """Let standard output and error outlive their readers: the verdict does not depend on them."""
     sys.stdout = _patient(sys.stdout, sys.__stdout__)
     sys.stderr = _patient(sys.stderr, sys.__stderr__)
 
 
 def _patient(stream: TextIO | None, original: TextIO | None) -> TextIO:
-    if stream is None:  # closed by who started us; its number is taken before a file gets it
+    if stream is None:  # the caller closed it; take its number before a file gets it
         return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123
     if stream is not original or not isinstance(stream, io.TextIOWrapper):
         return stream  # somebody else's
@@ -143,13 +143,13 @@ def _patient(stream: TextIO | None, original: TextIO | None) -> TextIO:
 
 
 def end_by(number: int) -> int:
-    """Say that a signal ended a command, and give its exit code."""
+    """Print that a signal ended a command, and return its exit code."""
     _say("stopped; nothing half-written was left")
     return 128 + number
 
 
 def end_of(error: BaseException) -> int:
-    """Say what ended a command, in a line, and give its exit code."""
+    """Print what ended a command, in a line, and return its exit code."""
     if isinstance(error, typer.Abort):  # typer's word for Ctrl-C, and for an end of file
         error = error.__cause__ or KeyboardInterrupt()
     if isinstance(error, KeyboardInterrupt):
@@ -161,7 +161,7 @@ def end_of(error: BaseException) -> int:
     if isinstance(error, OSError):
         _say(f"{error.filename or ''}: {error.strerror or error}")
         return ExitCode.UNUSABLE_INPUT
-    # typer brings its own copy of click or the real one: known by what they can do.
+    # typer has its own copy of click or uses click itself: errors are known by their methods.
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
         _say(_with_suggestion(error.format_message()))
         return ExitCode.UNUSABLE_INPUT
@@ -178,7 +178,7 @@ def _say(line: str) -> None:
 
 
 def _with_suggestion(message: str) -> str:
-    """A word that is none of a list, with the one that was probably meant."""
+    """The message about a word that is not in a list, with the one that was probably meant."""
     message = message.replace("Value error, ", "")
     found = re.search(r"'([^']*)' is not one of (.+)\.$", message)
     if found is None:

@@ -1,4 +1,4 @@
-"""`palpate gate|report|compare|compare-runs`: what ends with a verdict as its exit code."""
+"""`palpate gate|report|compare|compare-runs`: commands whose exit code is a verdict."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def gate(
     from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
 
-    # Single precision granted to a device is what its steps are made in.
+    # A device computes its steps in single precision where that is granted.
     is_single = device != "cpu" and precision is Precision.SINGLE
     given = candidates_for(
         simulator,
@@ -352,7 +352,7 @@ def compare_runs(
 
 
 def _require_builtin(cases: Sequence[Case]) -> None:
-    """Raise InputError for a case of which nobody expects anything."""
+    """Raise InputError for a case that is not built in, for which nothing is expected."""
     own = [case.name for case in cases if not case.is_builtin]
     if own:
         raise InputError(
@@ -362,7 +362,7 @@ def _require_builtin(cases: Sequence[Case]) -> None:
 
 
 def _exit_code(results: list[CaseResult], *, expected: bool) -> int:
-    """By the verdicts, or by what is not as expected, which is printed."""
+    """The exit code by the verdicts, or by differences from what is expected, which it prints."""
     from palpate.validation.judging.expectation import read_expected, unexpected
     from palpate.validation.judging.judge import exit_code
 

@@ -99,7 +99,7 @@ def law(
 
 
 def _ogden_terms(given: list[str]) -> tuple[tuple[float, float], ...]:
-    """By what was given on the command line."""
+    """The terms of Ogden's law from the command line."""
     try:
         terms = [tuple(float(number) for number in of.split(",")) for of in given]
         return tuple((part, alpha) for part, alpha in terms)
@@ -108,7 +108,7 @@ def _ogden_terms(given: list[str]) -> tuple[tuple[float, float], ...]:
 
 
 def _end(material: Material, who: str, found: list[Finding], json: Path | None) -> None:
-    """Print the findings, write them, and end by the worst."""
+    """Print the findings, write them, and end with the exit code of the worst."""
     about = f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}"
     lines = [f"{material.law}, {about}, by {who}"]
     for each in found:

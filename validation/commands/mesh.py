@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from palpate.meshes.arrays import Points
     from palpate.meshes.repair.choices import RepairChoices
 
-# E [Pa], nu, density [kg/m3] where no material is stated: a step is then a length over the speed of
-# pressure waves.
+# E [Pa], nu, density [kg/m3] where no material is stated: a step then stands for a length over the
+# speed of pressure waves.
 _TISSUE = (1e4, 0.45, 1000.0)
 
 
 class Mesher(StrEnum):
-    """Who meshes."""
+    """The mesher."""
 
     FASTSIM = "fastsim"
     GMSH = "gmsh"
@@ -142,7 +142,7 @@ def mesh(
     spec = MeshSpec.model_validate(
         {
             "mesher": mesher.value,
-            # The kidney's surface has that length already, and cells grow from there.
+            # The kidney's surface has that length already, and cells grow inwards from it.
             "edge_length": size if uniform or surface != "kidney" else None,
             "interior": "uniform" if uniform else "graded",
             "boundary": "kept" if free is None else "free",
@@ -199,7 +199,7 @@ def _choices(
     smallest_shell: float | None,
     scale: float,
 ) -> RepairChoices | None:
-    """What may be done, in metres; refuses choices without --repair."""
+    """The permitted repairs, in metres; refuses these options without --repair."""
     from palpate.meshes.repair.choices import LARGEST_HOLE, RepairChoices
 
     given = {
@@ -222,13 +222,13 @@ def _choices(
 def _step_lines(
     critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
 ) -> Iterator[str]:
-    """The step, and the cells that decide it.
+    """Lines on the critical step, and the cells that determine it.
 
     Args:
-        critical: Of the mesh.
+        critical: Critical cells of the mesh.
         is_stated: Whether the material is the user's; otherwise steps are lengths over c.
         scale: Metres per unit of the file.
-        unit: Its name.
+        unit: Name of this unit.
     """
 
     def shown(step: float) -> str:
@@ -247,7 +247,7 @@ def _step_lines(
 
 
 def _verdict_line(critical: CriticalCells, target: float, scale: float, unit: str) -> str:
-    """Whether a step was reached [s], and if not, why."""
+    """A line on whether the target step was reached [s], and if not, why."""
     if critical.time_step >= target:
         return f"target step {target:g} s reached"
     if critical.surface_step < target:

@@ -1,4 +1,4 @@
-"""Arguments, options, lines of help and of progress, and files that several verbs share."""
+"""Arguments, options, lines of help and progress, and output that several verbs share."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def is_condensed(simulator: Simulator) -> bool:
 
 
 def complete_case(incomplete: str) -> list[str]:
-    """Built-in cases that begin so, for the shell; it knows the files by itself."""
+    """Built-in cases that begin with this text, for the shell, which completes files itself."""
     from palpate.validation.case import builtin_cases
 
     return [name for name in builtin_cases() if name.startswith(incomplete)]
 
 
 def listed(title: str, lines: Iterable[tuple[str, str]]) -> str:
-    """A list for --help, a line each, that is not run together."""
+    """A list for --help, in which each entry stays on its own line."""
     rows = [(name, about) for name, about in lines]
     width = max(len(name) for name, _ in rows)
     return "\n".join([f"\b\n{title}", *(f"  {name:{width}}  {about}" for name, about in rows)])
@@ -104,13 +104,13 @@ GrantedPrecision = Annotated[
 def progress_lines() -> Progress:
     """A function that prints one dim line."""
     console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:  # a log: nothing to lay out, and many lines
+    if not console.is_terminal:  # a log has many lines, and no layout
         return lambda line: print(f"  {for_terminal(line)}", file=sys.stderr, flush=True)
     return lambda line: console.print(Text(f"  {for_terminal(line)}", style="dim"), soft_wrap=True)
 
 
 def print_lines(lines: Iterable[str], prefix: str = "") -> None:
-    """Print words of others on standard output, a line each."""
+    """Print texts of others on standard output, each on a line."""
     for line in lines:
         print(for_terminal(f"{prefix}{line}"))
 

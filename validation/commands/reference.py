@@ -1,4 +1,4 @@
-"""`palpate reference build|check|accept`: stored references, and who let them in."""
+"""`palpate reference build|check|accept`: stored references, and who accepted them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _chosen(names: list[str] | None) -> list[str]:
 
 
 def _print_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) -> None:
-    """Print what is said of each case's accepted reference; refusals come last, all of them."""
+    """Print the lines on each case's accepted reference; all refusals come last."""
     from palpate.validation.case import load_case
     from palpate.validation.references.stored import accepted_path
 
@@ -52,7 +52,7 @@ def _print_each(names: list[str], lines: Callable[[Case, str, Path], list[str]])
 
 
 def _processor_seconds() -> float:
-    """What this process and the children that it has waited for have taken of the processor."""
+    """Processor time of this process and its ended children [s]."""
     spent = os.times()
     return spent.user + spent.system + spent.children_user + spent.children_system
 

@@ -1,4 +1,4 @@
-"""`palpate solve|audit`: a case solved and written; a result beside the equations of its case."""
+"""`palpate solve|audit`: solves a case; measures a result by the equations of its case."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from palpate.validation.candidates.candidate import Candidate
 
 _INVERTED = "a cell is inverted"
-# What has to be a number, and how it is called.
+# Quantities that have to be numbers, and their names.
 _NUMBERS = {
     "residual_norm": "residual",
     "relative_residual_norm": "relative residual",
@@ -143,7 +143,7 @@ def audit(
     used, progress = strain or loaded.strain, progress_lines()
     state, found = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     wrong = failures(found, limit)
-    # Of a mesh of its own the audit sees the case's points only.
+    # Where a result has its own mesh, the audit uses the case's points only.
     if not wrong and not state.smallest_det_f > 0.0:
         wrong = [_INVERTED]
     print_lines((*describe(found), *state.remarks))
@@ -165,7 +165,7 @@ def audit(
 def _audited(
     result: Path | None, simulator: Simulator | None, element: Element | None
 ) -> Candidate:
-    """A file, or the condensed model's answer by linear strain, whatever it is compared with."""
+    """The candidate to audit: a file, or the condensed model, which has linear strain."""
     from palpate.validation.candidates.candidate import linear_candidate, result_candidate
 
     if (result is None) == (simulator is None):
@@ -178,16 +178,16 @@ def _audited(
 
 
 def failures(audit: Audit, limit: float | None = None) -> list[str]:
-    """Why what was audited is no answer of the case, a line each; none where it may be one.
+    """Reasons why an audited result is no solution of the case, a line each; none if it may be.
 
-    Without a limit: numbers that are none, and cells that are inverted, which no body can be, not
-    under linear strain either. With one: it holds the residual, and the supports as well, whose
-    forces the residual knows nothing of; and the equilibrium has to be one that a body stays in.
+    Without a limit these are values that are not finite, and inverted cells, which are impossible
+    under linear strain too. A limit also applies to the residual and to the supports, whose forces
+    the residual does not include; and the equilibrium has to be stable.
 
     Args:
-        audit: What was found.
-        limit: Of the residual over the displacement's own norm, and of the supports' gap over the
-            largest displacement [-].
+        audit: The audit.
+        limit: Limit of the residual over the displacement's own norm, and of the supports' gap over
+            the largest displacement [-].
     """
     numbers = {name: getattr(audit, attribute) for attribute, name in _NUMBERS.items()}
     found = [
@@ -214,7 +214,7 @@ def failures(audit: Audit, limit: float | None = None) -> list[str]:
 
 
 def describe(audit: Audit) -> list[str]:
-    """One line for each thing an audit says."""
+    """One line for each finding of an audit."""
     volume, displacement = audit.volume_error, audit.displacement_error
     return [
         f"audit on degree {audit.degree}, {audit.strain} strain",
@@ -234,7 +234,7 @@ def describe(audit: Audit) -> list[str]:
 
 
 def as_numbers(audit: Audit, wrong: list[str]) -> dict[str, Any]:
-    """An audit as plain data, without the cells, with why it failed."""
+    """An audit as plain data, without the cells, and with the reasons why it failed."""
     values = dataclasses.asdict(audit)
     values.pop("cell_errors")
     return values | {"relative_support_gap": audit.relative_support_gap, "failures": wrong}

@@ -28,10 +28,10 @@ from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements
 from palpate.validation.studies import STUDIES
 
-# Stated once, under the table of a benchmark.
+# Keys that are stated once, under the table of a benchmark.
 _STATED_ONCE = ("version", "rate_unit")
-# Of a run of the scoreboard [s]: two that fail slowly on sixteen cases take 24 minutes of two
-# cores then.
+# Time limit of a run of the scoreboard [s]: with it two simulators that fail slowly on sixteen
+# cases take 24 minutes of two cores.
 _TIME_LIMIT = 90.0
 
 
@@ -240,7 +240,7 @@ def bench(
     if json is not None:
         write_text_atomically(json, bench_json(document))
     out = Console(highlight=False)
-    # A file or a pipe has no width of its own; 80 columns would cut every number short.
+    # A file or a pipe has no width of its own, and 80 columns would truncate every number.
     print_bench(document, out if out.is_terminal else Console(highlight=False, width=200))
 
 
@@ -253,7 +253,7 @@ def print_bench(document: dict[str, Any], console: Console) -> None:
     wanted = document.get("table") or [key for key in present if key not in _STATED_ONCE]
     columns = [*COMMON, *(key for key in wanted if key in present and key not in COMMON)]
     if len({(row["tool"], row.get("version")) for row in rows}) > len({r["tool"] for r in rows}):
-        columns.insert(1, "version")  # some tool is there twice
+        columns.insert(1, "version")  # a tool has rows in two versions
     table = Table(title=f"bench {document['bench']}", title_justify="left")
     for column in columns:
         is_text = any(isinstance(row.get(column), str) for row in rows)

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # A gate in my repository
-# A case is a file that my repository keeps; the gate turns red when my simulator gets worse.
+# A case is a file in my repository; the gate turns red when my simulator gets worse.
 # `palpate init organ.stl -o organ.toml` writes one to start from; in CI,
 # `palpate gate organ.toml --simulator "python mysim.py {case} {result}"` does what is below.
-# `gate_your_simulator` beside this file is such a repository, whole.
+# `gate_your_simulator` beside this file is such a repository in full.
 
 # %%
 import numpy as np

@@ -33,7 +33,7 @@ for check in result.checks:
     print(check.verdict, check.metric, check.against, check.message)
 
 # %% [markdown]
-# What would explain it is looked for, one slip at a time.
+# palpate looks for an explanation, trying one hypothesis at a time.
 
 # %%
 for diagnosis in result.diagnoses:

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Find a stiff inclusion by touch
 # A controller palpates a soft block along its surface: down to a depth, read the force, up, on to
-# the next place. It knows nothing of the block but what its probe feels; where the force is largest
-# it looks closer, and says where the hard part is.
+# the next position. It knows nothing of the block except the force on its probe; where that is
+# largest it searches more closely, and reports the position of the hard part.
 
 # %%
 import numpy as np
@@ -36,7 +36,7 @@ def block_with_inclusion(center: tuple[float, float, float], radius: float) -> p
 
 # %%
 def feel(body: LiveBody, x: float, y: float) -> float:
-    """The force on the probe at the depth, from above a place [N]."""
+    """The force on the probe at the depth, pressed from above a position [N]."""
     (probe,) = body.tools
     above, touching = SIZE[2] + RADIUS + 0.001, SIZE[2] + RADIUS - DEPTH
     for place in ((*probe.position[:2], above), (x, y, above), (x, y, touching)):
@@ -49,7 +49,7 @@ def feel(body: LiveBody, x: float, y: float) -> float:
 
 
 def find_inclusion(problem: palpate.Problem) -> tuple[float, float]:
-    """Where on the top the body is hardest [m]: a coarse walk, then a finer one around its best."""
+    """Position on the top where the body is hardest [m]: a coarse search, then a finer one."""
     body = LiveBody(problem)
     felt = {(x, y): feel(body, x, y) for x in np.arange(0.012, 0.07, 0.014) for y in (0.012, 0.028)}
     best = max(felt, key=felt.__getitem__)

@@ -87,7 +87,7 @@ class Cache:
         write_text_atomically(self.path(name, key, ".json"), text + "\n")
 
 
-# Additional time for a run that compiles [s].
+# Time limit of the run that compiles [s].
 _WARM_UP = 900.0
 
 

@@ -32,7 +32,7 @@ def force(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 u = np.where(free, 0.0, rest["prescribed_displacement"])
 v, size = np.zeros_like(u), np.linalg.norm(rest["external_force"])
-# Masses of the points' own stiffness: one step length suits all of them.
+# Masses in proportion to the points' stiffness: one step length suits all of them.
 stiffness = np.zeros(len(X))
 bound = (volume * (lmbda + 2 * mu))[:, 0, 0] * (inverse**2).sum(axis=(1, 2)) * 4
 np.add.at(stiffness, cells, np.repeat(bound[:, None], 4, axis=1))

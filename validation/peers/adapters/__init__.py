@@ -1,4 +1,4 @@
-"""One file a tool: how it is set up and run, for `gate --simulator` and for `palpate bench`.
+"""Adapters: one file sets up and runs each tool, for `gate --simulator` and `palpate bench`.
 
 A file has a class for each task that its tool can do, with the arrays of its result:
 
@@ -14,12 +14,12 @@ A file has a class for each task that its tool can do, with the arrays of its re
     advance(num_steps)    the work that is timed; may return more columns for the row
     result                the arrays named above, once they are there
 
-`__init__` raises ImportError where the tool is not installed, and ValueError where the job is not
-for it. A file with `Static` or `Motion` solves case folders too: `python ADAPTER.py CASE
-RESULT.npz [NAME=VALUE ...]`; what is named goes to the job.
+`__init__` raises ImportError where the tool is not installed, and ValueError where it cannot do the
+job. A file with `Static` or `Motion` solves case folders too: `python ADAPTER.py CASE RESULT.npz
+[NAME=VALUE ...]`; the named values go to the job.
 
-Nothing of palpate is imported (but by ours.py), so that an adapter runs in the interpreter that
-has its tool; what several of them need stands in harness.py and nodes.py beside them.
-`numpy_dense.py` needs neither: copy that one for a simulator of your own. A new adapter is a file
-here and a row of `peers/registry.toml`.
+Only ours.py imports anything of palpate, so that an adapter runs in the interpreter that has its
+tool; what several of them need is in harness.py and nodes.py beside them. `numpy_dense.py` needs
+neither: copy that one for a simulator of your own. A new adapter is a file here and a row of
+`peers/registry.toml`.
 """

@@ -1,6 +1,6 @@
-"""CalculiX (`ccx`): linear tetrahedra C3D4, NLGEOM makes its linear law StVK.
+"""CalculiX (`ccx`): linear tetrahedra C3D4; NLGEOM makes its linear law Saint-Venant-Kirchhoff.
 
-Its HYPERELASTIC laws NEO HOOKE and MOONEY-RIVLIN keep shape and volume apart, with D1 = 2 / kappa.
+Its HYPERELASTIC laws NEO HOOKE and MOONEY-RIVLIN split shape and volume, with D1 = 2 / kappa.
 
     palpate gate CASE --simulator "python calculix.py {case} {result}"
 
@@ -21,7 +21,7 @@ import numpy as np
 from harness import children_memory_mb, lame, solve_case
 from nodes import Points, nodes_of
 
-# Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
+# Residual over the mean force, and correction over displacement; ccx's defaults: 5e-3, 1e-2.
 _TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,"
 # What ccx calls a solver -> what it is.
 _SOLVERS = {
@@ -31,7 +31,7 @@ _SOLVERS = {
 
 
 class Static:
-    """One run of the program a solve; it reads its input file, and writes every point."""
+    """A solve is one run of the program, which reads its input file and writes every point."""
 
     tool, precision = "CalculiX", "float64"
     laws = ("saint-venant-kirchhoff", "neo-hookean-isochoric", "mooney-rivlin")
@@ -77,7 +77,7 @@ class Static:
 
 
 def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:
-    """Numbers count from one; where a part of the load is too much, ccx takes less by itself."""
+    """The input file; numbers begin at 1, and ccx reduces load increments by itself."""
     is_linear = str(job["strain"]) == "linear"
     num_parts = 1 if is_linear else int(job.get("load_parts", 1))
     rows = ["*NODE, NSET=ALL"]
@@ -100,7 +100,7 @@ def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:
 
 
 def _law(job: dict[str, Any]) -> list[str]:
-    """The material's cards, of one material everywhere."""
+    """The cards of the material, which is the same everywhere."""
     law = job.get("law", "saint-venant-kirchhoff")
     if law == "saint-venant-kirchhoff":
         return ["*ELASTIC", f"{job['youngs_modulus'][0]:.15g}, {job['poissons_ratio'][0]:.15g}"]

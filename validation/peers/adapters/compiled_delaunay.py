@@ -48,14 +48,14 @@ long count() { return out.numberoftetrahedra; }
 }
 """
 _LIBRARIES = {
-    # Variables of a thread cost a shared library a sixth of its time, and there is one thread.
+    # Thread-local variables cost a shared library a sixth of its time, and there is one thread.
     "cgal": (_CGAL, ("-DCGAL_NDEBUG", "-DCGAL_HAS_NO_THREADS", "-lgmp", "-lmpfr")),
     "tetgen": (_TETGEN, ("-ltet",)),
 }
 
 
 class Delaunay:
-    """The library takes over the points beforehand; a `folder` of the job keeps it compiled."""
+    """The library takes the points beforehand; the job's `folder` stores it compiled."""
 
     precision = "float64"
 
@@ -88,12 +88,12 @@ class Delaunay:
 
     @property
     def result(self) -> dict[str, Any]:
-        """How many cells; CGAL goes through all of them for that."""
+        """The number of cells; CGAL goes through all of them to count."""
         return {"num_cells": np.array(self._count(self._cells))}
 
 
 def _compiled(name: str, folder: Path) -> str:
-    """The library against the system's headers, compiled where it is not there yet."""
+    """The library, compiled with the system's headers unless it exists already."""
     source, target = folder / f"{name}.cpp", folder / f"{name}.so"
     if not target.exists():
         text, options = _LIBRARIES[name]

@@ -61,7 +61,7 @@ class _Body:
         P = S if is_linear else (identity + H) * S
         self.residual = ufl.inner(P, ufl.grad(ufl.TestFunction(V))) * ufl.dx
         self.residual_form = fem.form(self.residual, **_JIT)
-        # dolfinx numbers anew: which of its points each of ours has become.
+        # dolfinx renumbers points: this gives its number for each of ours.
         self.coordinates = V.tabulate_dof_coordinates()
         self.place = np.empty(len(points), np.int64)
         self.place[_order(points)] = _order(self.coordinates)
@@ -111,7 +111,7 @@ class Static(_Body):
     """Full Newton steps, conjugate gradients with GAMG and rigid modes."""
 
     def __init__(self, job: dict[str, Any]) -> None:
-        # Here, so that explicit steps do not carry its memory.
+        # Imported here, so that explicit steps do not take its memory.
         import dolfinx.fem.petsc  # noqa: F401  (as fem.petsc)
         from petsc4py import PETSc
 

@@ -24,7 +24,7 @@ except ImportError:
 
     SOLVER = "SuperLU"
 
-TOLERANCE = 1e-9  # below, rounding is left where a stiff body bears a small load; its own: 1.5e-8
+TOLERANCE = 1e-9  # less is rounding where a stiff body has a small load; its default: 1.5e-8
 LARGEST = 40_000  # degrees of freedom; beyond, its factors take gigabytes and minutes
 
 

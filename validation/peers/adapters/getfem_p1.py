@@ -11,7 +11,7 @@ import getfem as gf
 import numpy as np
 from harness import lame, solve_case
 
-# What GetFEM calls a law.
+# GetFEM's names of laws.
 _LAWS = {
     "saint-venant-kirchhoff": "SaintVenant Kirchhoff",
     "neo-hookean": "Compressible Neo Hookean Bonet",
@@ -30,13 +30,13 @@ class Static:
         self._job = job
         points, cells = job["points"], job["cells"]
         mesh = gf.Mesh("empty", 3)
-        # Places of points in the order of cells; GetFEM merges equal ones.
+        # Positions of points in the order of cells; GetFEM merges equal ones.
         corners = points[cells].transpose(2, 1, 0)
         mesh.add_convex(gf.GeoTrans("GT_PK(3,1)"), corners)
         fem = gf.MeshFem(mesh, 3)
         fem.set_fem(gf.Fem("FEM_PK(3,1)"))
         nodes = fem.basic_dof_nodes().T
-        # Which of our degrees of freedom each of GetFEM's is: by place, x, y and z in turn.
+        # Our number of each of GetFEM's degrees of freedom: by position, x, y and z in turn.
         found = np.lexsort(np.round(nodes[::3], 12).T)
         ours = np.lexsort(np.round(points, 12).T)
         order = np.empty(len(points), dtype=np.int64)
@@ -77,7 +77,7 @@ class Static:
             force[order] = part * job["external_force"]
             model.set_private_rhs(pushing, force)
             model.set_private_rhs(holding, part * places)
-            # Whole steps: a search along them ends far from rest where a body turns.
+            # Full steps: a line search ends far from equilibrium where a body rotates.
             count, has_converged = model.solve(
                 "max_res", self._tolerance(force), "max_iter", 50, "lsearch", "basic",
                 "alpha min", 1.0, "alpha max ratio", 1e15, "diverged_res", 1e30,
@@ -89,7 +89,7 @@ class Static:
         return {"method": "Newton, MUMPS", "newton_iterations": iterations}
 
     def _tolerance(self, force: Any) -> float:
-        """A residual [N], of the force or, where there is none, of what a moved support needs."""
+        """The residual's tolerance [N], from the force or else from what a moved support needs."""
         moved = float(np.abs(self._job["prescribed_displacement"]).max())
         size = float(np.ptp(self._job["points"], axis=0).max())
         return 1e-10 * (

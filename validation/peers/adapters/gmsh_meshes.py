@@ -1,4 +1,4 @@
-"""gmsh: triangles on a body, tetrahedra in a surface, Delaunay of points; one thread."""
+"""gmsh on one thread: triangles on a body, tetrahedra in a surface, Delaunay of points."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Gmsh:
 
 
 class Surface(_Gmsh):
-    """A surface covered anew with triangles of one size."""
+    """A surface that is remeshed with triangles of one size."""
 
     def advance(self, _num_steps: int) -> None:
         """Cut it into patches, and mesh those."""
@@ -62,7 +62,7 @@ class Mesh(_Gmsh):
         gmsh.model.geo.synchronize()
 
     def advance(self, _num_steps: int) -> None:
-        """From the surface in its memory to the mesh there."""
+        """Mesh from the surface in gmsh's memory to the mesh there."""
         gmsh.model.mesh.generate(3)
 
     @property

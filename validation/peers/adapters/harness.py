@@ -1,11 +1,11 @@
-"""What adapters have in common: they solve a case folder, or are timed; and what several compute.
+"""What adapters share: solving a case folder, timing a tool, and common computations.
 
 python ADAPTER.py CASE RESULT.npz [NAME=VALUE ...]      see `solve_case`
 python harness.py ADAPTER.py TASK JOB.npz RESULT.npz    see `main`
 
-Rest is found by kinetic damping, for simulators that only know time steps: the body falls towards
-equilibrium; whenever its kinetic energy has passed a peak it is stopped (Cundall 1976; Otter 1965
-for dynamic relaxation). Time is not real then, so the step is chosen for stability alone.
+Simulators that only make time steps find equilibrium by kinetic damping: the body moves towards
+equilibrium, and is stopped whenever its kinetic energy has passed a peak (Cundall 1976; Otter 1965
+for dynamic relaxation). Time is not physical then, so the step is chosen for stability alone.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-# Exit code of a program to which a case cannot be posed: it has not failed.
+# Exit code of a program to which a case cannot be posed; that is no failure.
 NOT_POSED = 77
 _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
 _COMMON = "saint-venant-kirchhoff"
-# A factor on stable steps, for a growing stiffness: Green strain stiffens under stretch.
+# A factor on stable steps for a stiffness that grows: Green strain stiffens under stretch.
 SAFETY = 0.6
 
 
@@ -36,11 +36,11 @@ def solve_case(statics: Any, motion: Any = None) -> None:
 
     Args:
         statics: The class `Static` of an adapter, None where it has none. It has `tool`, a name for
-            people, and may have `law`, where that is not the case's; `laws`, those for finite
-            strain that it takes from a case, if there are others than Saint-Venant-Kirchhoff's;
-            and `takes`, of what is else refused by these names.
-        motion: Likewise `Motion`, of cases in motion. Its job has `output_times` [s], and the
-            case's `time_step`, `mass_damping` and `stiffness_damping` as well.
+            people, and may have `law`, if that is not the case's; `laws`, those for finite
+            strain that it takes from a case, if there are others than Saint-Venant-Kirchhoff;
+            and `takes`, names of what it takes and others refuse.
+        motion: The class `Motion`, for motions, None where it has none. Its job also has
+            `output_times` [s] and the case's `time_step`, `mass_damping` and `stiffness_damping`.
     """
     case, result = (Path(word).absolute() for word in sys.argv[1:3])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
@@ -98,10 +98,10 @@ def solve_case(statics: Any, motion: Any = None) -> None:
 def main() -> None:
     """Time a tool until standard input ends.
 
-    Writes one line of JSON when the tool is set up, then one for each number of steps it reads:
-    seconds of the processor and of the clock, memory, and what the tool says.
+    It writes one line of JSON when the tool is set up, then one for each number of steps it reads:
+    processor time and wall time [s], memory, and what the tool reports.
     """
-    # What libraries print must not mix with what is written.
+    # What libraries print must not mix with these lines.
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
 
@@ -143,7 +143,7 @@ def read_arrays(path: str | Path) -> dict[str, Any]:
 
 
 def refuse(why: str) -> NoReturn:
-    """End: the case cannot be posed to this simulator; some libraries say goodbye after that."""
+    """End because the case cannot be posed to this simulator; some libraries still print."""
     print(why, flush=True)
     os._exit(NOT_POSED)
 
@@ -158,7 +158,7 @@ def peak_memory_mb() -> float:
 
 
 def children_memory_mb() -> float:
-    """The peak memory of any process started here; 0 where the system does not tell."""
+    """Largest peak memory of a process started here; 0 where the system does not report it."""
     return _peak_of("RUSAGE_CHILDREN")
 
 
@@ -171,7 +171,7 @@ def _peak_of(whose: str) -> float:
 
 
 def processor_seconds() -> float:
-    """Of this process, all threads, and of the processes it has waited for."""
+    """Processor time of this process, all threads, and of ended child processes [s]."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
 
@@ -196,7 +196,7 @@ def all_gradients(job: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def require_fixed_points(job: dict[str, Any]) -> None:
-    """For tools that fix whole points where they are.
+    """Check a job for tools that can only fix whole points where they are.
 
     Raises:
         ValueError: The job fixes single components, or moves what it fixes.
@@ -207,7 +207,7 @@ def require_fixed_points(job: dict[str, Any]) -> None:
 
 
 def force_scale(job: dict[str, Any]) -> float:
-    """What a residual is measured by [N]: the load, or what a moved support takes about."""
+    """The scale of a residual [N]: the load, or about the force that a moved support needs."""
     load = float(np.linalg.norm(np.where(job["fixed"], 0.0, job["external_force"])))
     moved = float(np.abs(job["prescribed_displacement"]).max())
     size = float(np.ptp(job["points"], axis=0).max())
@@ -223,15 +223,15 @@ def central_differences(job: dict[str, Any]) -> tuple[float, Any]:
 
 
 def gravity_of(job: dict[str, Any]) -> Any:
-    """The acceleration whose weight is the load, for tools that take no other [m/s2]."""
+    """The acceleration whose weight is the load [m/s2], for tools that take no other load."""
     return job["external_force"].sum(axis=0) / job["lumped_mass"].sum()
 
 
 def stable_step(job: dict[str, Any], mass: Any) -> float:
     """A time step below 2 / sqrt(largest eigenvalue of M^-1 K), times SAFETY [s].
 
-    Each cell bounds its own matrix by V (lmbda + 2 mu) sum |grad N_a|^2, each point adds up the
-    cells around it (Gershgorin); mass [kg], (num_points,).
+    A cell's matrix is bounded by V (lmbda + 2 mu) sum |grad N_a|^2, and each point sums the bounds
+    of the cells around it (Gershgorin); mass [kg], (num_points,).
     """
     E, nu = job["youngs_modulus"], job["poissons_ratio"]
     modulus = E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
@@ -249,18 +249,18 @@ def relax(
     """Step to rest.
 
     Args:
-        step: One step of semi-implicit Euler, unless `out_of_balance` is given.
+        step: Takes one step, by semi-implicit Euler unless `out_of_balance` is given.
         velocity: The array of velocities, which may be written to [m/s].
-        inertia: Mass over time step, for each of its entries [kg/s].
-        force: What is out of balance is measured by it [N].
-        tolerance: On the relative residual.
-        most: Steps at most.
-        out_of_balance: Forces out of balance now [N]. Without it they are read from the change of
-            velocity, which is the same for explicit steps alone: implicit ones that are not
-            solved to the end hardly change it far from equilibrium too.
+        inertia: Mass over time step for each entry of `velocity` [kg/s].
+        force: Scale of the residual [N].
+        tolerance: Tolerance of the relative residual.
+        most: Largest number of steps.
+        out_of_balance: Returns the present residual forces [N]. Without it they are read from the
+            change of velocity, which is equivalent for explicit steps alone: implicit steps that
+            are not solved to the end hardly change it, even far from equilibrium.
 
     Returns:
-        Steps done and the last relative residual.
+        The number of steps, and the last relative residual.
     """
     energy, before, residual = 0.0, velocity().copy(), np.inf
     for count in range(1, most + 1):
@@ -287,15 +287,15 @@ def relax_with_rise(
     """Bring moved supports to their positions within `rise` steps, then step to rest.
 
     Args:
-        step: One step, with a fraction of the supports' displacement.
+        step: Takes one step, with a fraction of the supports' displacement.
         moved: That displacement [m].
-        rise: Steps to bring it on; none where nothing is moved.
-        velocity: See `relax`, as of all that follow.
-        inertia: Likewise.
-        force: Likewise.
-        tolerance: Likewise.
-        most: Likewise.
-        out_of_balance: Likewise.
+        rise: Number of steps in which it is applied; none where nothing is moved.
+        velocity: See `relax`.
+        inertia: See `relax`.
+        force: See `relax`.
+        tolerance: See `relax`.
+        most: See `relax`.
+        out_of_balance: See `relax`.
     """
     rise = rise if moved.any() else 0
     fractions = iter(np.linspace(0.0, 1.0, rise) if rise else ())
@@ -308,7 +308,7 @@ def relax_with_rise(
 
 
 def require_rest(residual: float, tolerance: float) -> None:
-    """End without a result where the last step left more than that of the load out of balance."""
+    """End without a result where the last relative residual is above the tolerance."""
     if not residual <= tolerance:
         raise SystemExit(
             f"not at rest at its last step: {residual:.2g} of the load out of balance, which is "
@@ -322,10 +322,10 @@ def march(
     """Step through output times, with whole steps between them.
 
     Args:
-        step: One step of so many seconds.
-        read: Displacement now [m], (num_points, 3).
-        times: From the start, evenly [s], (num_times,).
-        largest: Step that is allowed [s].
+        step: Takes one step of this length [s].
+        read: Returns the present displacement [m], (num_points, 3).
+        times: Output times from the start, evenly spaced [s], (num_times,).
+        largest: Largest step that is allowed [s].
 
     Returns:
         Displacement at each of the times, and the step.

@@ -43,8 +43,8 @@ class Static:
         tissue[Kratos.YOUNG_MODULUS] = float(job["youngs_modulus"][0])
         tissue[Kratos.POISSON_RATIO] = float(job["poissons_ratio"][0])
         tissue[Kratos.DENSITY] = float(job["density"][0])
-        # Hooke's law between the strain and the stress of the element: Green's and the second
-        # Piola-Kirchhoff stress in a total Lagrangian one.
+        # Hooke's law between the strain and stress of the element: in a total Lagrangian element
+        # these are Green's strain and the second Piola-Kirchhoff stress.
         tissue.SetValue(Kratos.CONSTITUTIVE_LAW, Structural.LinearElastic3DLaw())
         kind = "SmallDisplacementElement3D4N" if self._is_linear else "TotalLagrangianElement3D4N"
         for index, place in enumerate(job["points"].tolist(), 1):
@@ -64,8 +64,8 @@ class Static:
         """Assembly and solve from rest."""
         job, part = self._job, self._part
         settings = Kratos.Parameters(f'{{"solver_type": "{SOLVER}"}}')
-        # Of the correction: its residual's ratio may be met far from rest where points are moved,
-        # and rounding may keep it above.
+        # A tolerance of the correction: the residual's ratio may be met far from equilibrium where
+        # points are moved, and rounding may prevent it from being met.
         criterion = Kratos.DisplacementCriteria(TOLERANCE, 1e-14)
         criterion.SetEchoLevel(0)
         strategy = Kratos.ResidualBasedNewtonRaphsonStrategy(

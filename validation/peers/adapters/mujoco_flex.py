@@ -2,15 +2,15 @@
 
     palpate gate CASE --simulator "python mujoco_flex.py {case} {result}"
 
-It knows motion alone: it is brought to rest by kinetic damping, and what does not come to rest has
-no result. What is fixed, but not pinned, is put back after each step: with a diagonal mass that is
-the same. Mass damping is the damping of its slide joints, which its Euler integrator takes
-implicitly; stiffness damping is the flex's own, on the rate of its edges' squares, and so of Green
-strain. A flex spreads its mass evenly over its points.
+MuJoCo only computes motions: statics are brought to rest by kinetic damping, and a body that does
+not come to rest has no result. Components that are fixed, but not pinned, are put back after each
+step: with a diagonal mass that is equivalent. Mass damping is that of the slide joints, which the
+Euler integrator takes implicitly; stiffness damping is the flex's own, on the rate of its edges'
+squares, and so of Green strain. A flex spreads its mass evenly over its points.
 
-`Steps` with a device are MuJoCo Warp's (MJWarp), for timing alone. As its documentation says: the
-model and its data are put on the device, and on a GPU a step is captured as a graph once and
-launched after that. Single precision.
+`Steps` on a device are those of MuJoCo Warp (MJWarp), for timing alone. As its documentation says,
+the model and its data are put on the device, and on a GPU a step is captured as a graph once and
+launched after that. It computes in single precision.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from harness import (
     stable_step,
 )
 
-LARGEST = 100_000  # cells; beyond, compiling the model does not end
+LARGEST = 100_000  # cells; with more, compiling the model does not end
 TOLERANCE, ENOUGH, MOST_STEPS = 1e-7, 1e-6, 200_000
-RISE = 2000  # steps over which what fixes the body is moved to its position
+RISE = 2000  # steps in which supports are moved to their positions
 
 
 class Flex:
@@ -66,7 +66,7 @@ class Flex:
         self.free = ~pinned
 
     def at_points(self, values: Any, at_pinned: float) -> Any:
-        """Values of the free points as rows of all."""
+        """Values of the free points as rows of all points."""
         rows = np.full((len(self.free), 3), at_pinned)
         rows[self.free] = np.array(values).reshape(-1, 3)
         return rows
@@ -92,7 +92,7 @@ class Steps(Flex):
 
         wp.config.log_level = wp.LOG_WARNING
         self.version, self.precision = f"{mujoco.__version__} (Warp {wp.__version__})", "float32"
-        # It never resets by itself, and refuses to be told so.
+        # MJWarp never resets by itself, and rejects the option that says so.
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         mujoco.mj_forward(self.model, self.data)
         self._warp, self._mujoco_warp = wp, mujoco_warp
@@ -110,7 +110,7 @@ class Steps(Flex):
         self._mujoco_warp.step(self._on_device, self._state)
 
     def advance(self, num_steps: int) -> dict[str, Any]:
-        """Whole mj_step calls; on a device, to their end."""
+        """Call mj_step; on a device, until the steps are done."""
         if not self._device:
             mujoco.mj_step(self.model, self.data, num_steps)
             return {}
@@ -126,13 +126,13 @@ class Steps(Flex):
 
 
 class Loaded(Flex):
-    """With forces on its free points, and what is fixed among them."""
+    """A flex with forces on its free points, and with fixed components among them."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
         self.mass = np.full(len(job["points"]), job["lumped_mass"].mean())
-        # Of undamped motions half the stable step, which is for a law that stiffens.
+        # Undamped motions take half of the stable step, for a law that stiffens.
         beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, self.mass)
         super().__init__(job, 0.5 * (np.hypot(longest, beta) - beta), np.zeros(3))
         self.fixed = job["fixed"][self.free].ravel() == 1
@@ -140,14 +140,14 @@ class Loaded(Flex):
         self.data.qfrc_applied[:] = np.where(self.fixed, 0.0, applied)
 
     def step(self, positions: Any = 0.0) -> None:
-        """One step; what is fixed, but not pinned, is put where it belongs."""
+        """Take one step; components that are fixed, but not pinned, are put back."""
         mujoco.mj_step(self.model, self.data)
         self.data.qpos[self.fixed] = positions
         self.data.qvel[self.fixed] = 0.0
 
 
 class Static(Loaded):
-    """Stepped until it rests, its mass spread evenly over its points."""
+    """A flex that is stepped until it rests, its mass spread evenly over its points."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         super().__init__(job)
@@ -171,7 +171,7 @@ class Static(Loaded):
 
 
 class Motion(Loaded):
-    """Stepped from output to output."""
+    """A flex that is stepped from output to output."""
 
     takes = ("stiffness damping",)
 

@@ -5,13 +5,13 @@
     palpate gate CASE --law neo-hookean-stable \
         --simulator "python newton_soft.py {case} {result} solver=vbd"
 
-Semi-implicit, or by vertex block descent: implicit Euler, each step by sweeps of block descent. Too
-few of them let a stiff body creep at a velocity that hardly changes, wherever it is: so it rests
-where the forces of its law, computed here at its positions in double precision, balance the load.
-Positions in single precision may be too coarse for that: those of a slender beam, rounded, leave
-some per cent of its load. What does not get there has no result. Asked for Saint-Venant-Kirchhoff
-it solves its own law: what differs is the model, not the solver. Mass damping, which its bodies do
-not have, is a force on the points, of the step before.
+It steps semi-implicitly, or by vertex block descent: implicit Euler, each step by sweeps of block
+descent. With too few sweeps a stiff body creeps at a velocity that hardly changes, wherever it is:
+so it counts as at rest where the forces of its law, computed here at its positions in double
+precision, balance the load. Positions in single precision may be too coarse for that: rounding
+those of a slender beam leaves some per cent of its load. A body that does not get there has no
+result. For Saint-Venant-Kirchhoff it solves its own law: the difference is one of model, not of
+solver. Its bodies have no mass damping: that is a force on the points, from the previous step.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from harness import (
 )
 
 TOLERANCE, MOST_STEPS = 1e-3, 40_000  # single precision carries no more
-RISE = 2000  # steps over which what fixes the body is moved to its position
-ITERATIONS = 10  # of block descent: its default
+RISE = 2000  # steps in which supports are moved to their positions
+ITERATIONS = 10  # sweeps of block descent: Newton's default
 TIME_STEP = 1.0 / 600.0  # 60 frames of 10 steps each
 
 
 class SoftMesh:
-    """Points, cells and what fixes them; a subclass says which solver steps it."""
+    """A soft body with its supports; a subclass chooses the solver that steps it."""
 
     model: Any
     device = "cpu"
@@ -81,7 +81,7 @@ class SoftMesh:
         raise NotImplementedError
 
     def make_solver(self, builder: Any) -> Any:
-        """Finalize the model as `self.model`, and what steps it."""
+        """Finalize the model as `self.model`, and return its solver."""
         raise NotImplementedError
 
     def choose_step(self, job: dict[str, Any]) -> float:
@@ -94,7 +94,7 @@ class SoftMesh:
         return self._states[0]
 
     def step(self, applied: Any = None, part: float = 1.0) -> None:
-        """One step, with forces on the points where given; what is fixed stays, or is moved."""
+        """Take a step, with forces on points where given; supports stay, or are moved."""
         self.now.clear_forces()
         if applied is not None:
             self.now.particle_f.numpy()[:] = applied
@@ -105,7 +105,7 @@ class SoftMesh:
 
 
 class SemiImplicit(SoftMesh):
-    """Stable neo-Hookean with its logarithm."""
+    """A body of the stable neo-Hookean law with its logarithm, stepped semi-implicitly."""
 
     tool, laws = "Newton", ("saint-venant-kirchhoff", "neo-hookean-stable-log")
     scheme: tuple[str, dict[str, Any]] = ("semi-implicit-euler", {})
@@ -118,31 +118,29 @@ class SemiImplicit(SoftMesh):
         return 4.0 / 3.0 * mu, lmbda + 5.0 / 6.0 * mu
 
     def make_solver(self, builder: Any) -> Any:
-        """Neither triangles nor contacts: the tetrahedra and the update alone."""
+        """Step without triangles and contacts: only the tetrahedra and the update."""
         self.model = builder.finalize(device=self.device)
         self.model.particle_grid = None
         return newton.solvers.SolverSemiImplicit(self.model, enable_tri_contact=False)
 
     def choose_step(self, job: dict[str, Any]) -> float:
-        """Half of what is stable, for a law that stiffens [s]."""
+        """Half of the stable step, for a law that stiffens [s]."""
         return 0.5 * float(stable_step(job, job["lumped_mass"]))
 
 
 class BlockDescent(SoftMesh):
-    """Stable neo-Hookean, as far as its sweeps get."""
+    """A body of the stable neo-Hookean law, stepped by sweeps of block descent."""
 
     tool, laws = "Newton VBD", ("saint-venant-kirchhoff", "neo-hookean-stable")
     scheme = ("backward-euler", {"iterations_per_step": ITERATIONS})
 
     def __init__(self, job: dict[str, Any], *rest: Any) -> None:
-        require_fixed_points(
-            job
-        )  # a component that is put back after a step was free in its sweeps
+        require_fixed_points(job)  # a component that is put back after a step is free in the sweeps
         self._lame, (self._gradients, self._volumes) = lame(job), all_gradients(job)
         super().__init__(job, *rest)
 
     def out_of_balance(self) -> Any:
-        """Forces of the load and of its law (Smith 2018, without the logarithm) [N]."""
+        """Residual of the load and the forces of its law (Smith 2018, without logarithm) [N]."""
         cells, (lmbda, mu) = self._job["cells"], self._lame
         positions = self.now.particle_q.numpy().astype(np.float64)
         F = np.einsum("cai,caj->cij", positions[cells], self._gradients)
@@ -155,7 +153,7 @@ class BlockDescent(SoftMesh):
         return np.where(self.fixed, 0.0, force)
 
     def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
-        """Lame's parameters: the solver makes its law's own of them by itself."""
+        """Lame's parameters: the solver converts them to those of its law by itself."""
         return mu, lmbda
 
     def make_solver(self, builder: Any) -> Any:
@@ -167,19 +165,19 @@ class BlockDescent(SoftMesh):
         )
 
     def choose_step(self, _job: dict[str, Any]) -> float:
-        """Stable at any step; larger ones need more sweeps."""
+        """The fixed step: any step is stable, but larger ones need more sweeps."""
         return TIME_STEP
 
 
 class Steps(SemiImplicit):
-    """Its law is not ours, so forces are not compared."""
+    """Explicit steps; the law is not ours, so forces are not compared."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         self.device = str(job.get("device", self.device))
         super().__init__(job, float(job["time_step"]), gravity_of(job))
 
     def advance(self, num_steps: int) -> dict[str, Any]:
-        """Whole steps, to their end."""
+        """Take whole steps, and wait until they are done."""
         for _ in range(num_steps):
             self.step()
         wp.synchronize_device(self.model.device)
@@ -187,10 +185,10 @@ class Steps(SemiImplicit):
 
 
 class Rested(SoftMesh):
-    """Stepped until it rests."""
+    """A body that is stepped until it rests."""
 
     scheme: tuple[str, dict[str, Any]]
-    out_of_balance: Any = None  # a function of nothing, where the steps are not explicit
+    out_of_balance: Any = None  # a function without arguments, unless steps are explicit
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
@@ -225,7 +223,7 @@ class Rested(SoftMesh):
 
 
 class Moved(Rested):
-    """Stepped from output to output."""
+    """A body that is stepped from output to output."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         super().__init__(job)

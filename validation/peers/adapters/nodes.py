@@ -1,9 +1,9 @@
 """Nodes of linear or quadratic tetrahedra on a case's mesh, for adapters of tools that have both.
 
-Middle nodes lie halfway along straight edges. What a case says at its points is said for the nodes:
-a middle is fixed where it lies on the boundary between points that are fixed, a traction goes to
-the middles of its facets, and a body force to nodes as quadratic shape functions have it. The
-result is given on the cells cut in eight, whose points are all of the nodes.
+Middle nodes lie halfway along straight edges. The data of a case's points is transferred to the
+nodes: a middle node is fixed where it lies on the boundary between fixed points, a traction goes to
+the middle nodes of its facets, and a body force to nodes as quadratic shape functions distribute
+it. The result is given on the cells cut in eight, whose points are all of the nodes.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import Any
 
 import numpy as np
 
-# Ends of the middles 4 to 9, in the order of Abaqus and VTK.
+# Ends of the middle nodes 4 to 9, in the order of Abaqus and VTK.
 EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 _FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-# Four at the corners, and four around the line from middle 4 to middle 9.
+# The eight parts of a cell: four at corners, four around the line between nodes 4 and 9.
 _PARTS = np.array(
     [
         [0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3],
         [4, 9, 5, 6], [4, 9, 6, 7], [4, 9, 7, 8], [4, 9, 8, 5],
     ]
 )  # fmt: skip
-# A traction that is not the same on all of its facets is not known here.
+# A traction that varies over its facets by more than this fraction is refused here.
 _SAME = 1e-9
 
 
@@ -33,13 +33,13 @@ def nodes_of(job: dict[str, Any]) -> Points | Quadratic:
 
 
 class Points:
-    """A job by its points, as they are."""
+    """A job given at its points, unchanged."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         self.arrays = job
 
     def result(self, displacement: Any) -> dict[str, Any]:
-        """What a result file holds of their displacement [m]."""
+        """The arrays of a result file for the points' displacement [m]."""
         return {"displacement": displacement}
 
 
@@ -48,11 +48,11 @@ class Quadratic:
     """A job by its nodes: the case's points, then the middles of edges.
 
     Attributes:
-        points: [m], (num_nodes, 3).
-        cells: Four corners and six middles, (num_cells, 10).
+        points: Positions of the nodes [m], (num_nodes, 3).
+        cells: Four corners and six middle nodes, (num_cells, 10).
         fixed: 1 where fixed, (num_nodes, 3).
-        prescribed: Of what is fixed [m].
-        force: [N].
+        prescribed: Displacement of fixed components [m].
+        force: Forces on the nodes [N].
         parts: Linear tetrahedra between the nodes, (8 num_cells, 4).
     """
 
@@ -65,7 +65,7 @@ class Quadratic:
 
     @property
     def arrays(self) -> dict[str, Any]:
-        """Under the job's names."""
+        """The arrays under the job's names."""
         return {
             "points": self.points,
             "cells": self.cells,
@@ -75,16 +75,16 @@ class Quadratic:
         }
 
     def result(self, displacement: Any) -> dict[str, Any]:
-        """What a result file holds of the nodes' displacement [m]."""
+        """The arrays of a result file for the nodes' displacement [m]."""
         return {"displacement": displacement, "points": self.points, "cells": self.parts}
 
     @classmethod
     def of(cls, job: dict[str, Any]) -> Quadratic:
-        """Of arrays as in `rest.npz`, with `load_kinds`.
+        """Make nodes from arrays as in `rest.npz`, with `load_kinds`.
 
         Raises:
-            ValueError: Loads of more than one kind, whose parts at the points cannot be told
-                apart, or a traction that varies.
+            ValueError: There are loads of more than one kind, whose parts at the points cannot
+                be separated, or a traction varies.
         """
         points, cells = job["points"], job["cells"].astype(np.int64)
         ends = np.sort(cells[:, EDGES], axis=2)
@@ -105,7 +105,7 @@ class Quadratic:
 
 
 def _boundary(cells: Any) -> Any:
-    """Facets that one cell alone has, (num_facets, 3)."""
+    """Facets that belong to one cell only, (num_facets, 3)."""
     facets = np.sort(cells[:, _FACETS].reshape(-1, 3), axis=1)
     found, counts = np.unique(facets, axis=0, return_counts=True)
     return found[counts == 1]
@@ -119,7 +119,7 @@ def _edges_of(facets: Any, edges: Any) -> Any:
 
 
 def _fixed_middles(edges: Any, facets: Any, fixed: Any) -> Any:
-    """Where all three corners of a boundary facet are fixed, so are its middles; (num_edges, 3)."""
+    """Middle nodes are fixed where a boundary facet's three corners are, (num_edges, 3)."""
     middles = np.zeros((len(edges), 3), dtype=fixed.dtype)
     of_facets = _edges_of(facets, edges)
     for axis in range(3):
@@ -138,7 +138,7 @@ def _force(job: dict[str, Any], num_nodes: int, cells: Any, facets: Any, edges: 
     if kinds == {"PointForce"} or not kinds:
         force[: len(points)] = given
     elif kinds == {"BodyForce"}:
-        # Of a cell's force each middle has a fifth, each corner less than nothing, a twentieth.
+        # Of a cell's force each middle node gets a fifth, and each corner minus a twentieth.
         sides = points[cells[:, 1:4]] - points[cells[:, :1]]
         volumes = np.linalg.det(sides) / 6.0
         total = given.sum(axis=0) / volumes.sum()

@@ -1,8 +1,8 @@
-"""The smallest simulator that can be judged: Newton on dense matrices, NumPy alone.
+"""The smallest simulator that can be judged: Newton's method on dense matrices, NumPy alone.
 
     palpate gate CASE --simulator "python numpy_dense.py {case} {result}"
 
-A model to copy for a simulator of one's own. Follower pressure, tools and time are not known here.
+It is an example to copy for a simulator of your own. It refuses follower pressure, tools and time.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-NOT_POSED = 77  # exit code of whoever cannot pose a case: it has not failed
-LARGEST = 3000  # degrees of freedom; beyond, a dense matrix takes minutes
+NOT_POSED = 77  # exit code where a case cannot be posed, which is no failure
+LARGEST = 3000  # degrees of freedom; with more, a dense matrix takes minutes
 
 
 def solve(rest: dict[str, Any], is_linear: bool) -> tuple[Any, int]:
@@ -76,13 +76,13 @@ def solve(rest: dict[str, Any], is_linear: bool) -> tuple[Any, int]:
 
 
 def refuse(why: str) -> None:
-    """End: the case is not for this simulator."""
+    """End because the case cannot be posed to this simulator."""
     print(why)
     sys.exit(NOT_POSED)
 
 
 def main() -> None:
-    """Answer the case folder given first in the file given second."""
+    """Solve the case folder given first into the file given second."""
     case, result = Path(sys.argv[1]), Path(sys.argv[2])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
     with np.load(case / "rest.npz") as stored:

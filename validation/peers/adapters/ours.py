@@ -20,7 +20,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
 # Wanted edge length inside, in mean edges of the surface: with it the number of cells is within
-# 20 % of gmsh's, whose inner edges come out longer than those of the surface.
+# 20 % of gmsh's, whose inner edges become longer than those of the surface.
 _EDGES_INSIDE = 1.38
 
 
@@ -32,7 +32,7 @@ class _Ours:
 
 
 class Steps(_Ours):
-    """The step that `simulate` does by default, and the energies it adds up at an output."""
+    """The steps of `simulate` by default, with the energies that it sums at an output."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         self.precision, self._element = str(job["precision"]), Element(str(job["element"]))
@@ -57,7 +57,7 @@ class Steps(_Ours):
         }
 
     def advance(self, num_steps: int) -> dict[str, Any]:
-        """From one output to the next."""
+        """Step from one output to the next."""
         self._body.step(num_steps)
         self._body.look()
         self._last = self._body.displacement
@@ -71,7 +71,7 @@ class Steps(_Ours):
 
 
 class Static(_Ours):
-    """From plain arrays to the displacement: mesh checks, assembly and solve."""
+    """Solve from plain arrays to the displacement: mesh checks, assembly and solve."""
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """One whole solve."""
@@ -101,7 +101,7 @@ def _problem(job: dict[str, Any], time: TimeSpan | None = None) -> Problem:
 
 
 class Collision(_Ours):
-    """Hashed voxels, filled anew in every step; either body looks for the other, and for itself."""
+    """Hashed voxels, filled anew in every step; each body is tested against both bodies."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         super().__init__(job)
@@ -113,7 +113,7 @@ class Collision(_Ours):
         self.result = {"pairs": np.concatenate(found)}
 
     def _make_look(self, intruder: int, looked_at: int) -> Callable[[int], Any]:
-        """What finds the pairs (vertex of the intruder, cell of the other) in a frame."""
+        """A function that finds the pairs (intruder's vertex, cell of the other) in a frame."""
         is_same = intruder == looked_at
         here, there = self._job["frames"][looked_at], self._job["frames"][intruder]
         mesh = TetMesh(here[0], self._job["cells"])
@@ -126,7 +126,7 @@ class Collision(_Ours):
         return look
 
     def advance(self, num_steps: int) -> None:
-        """Everything anew in each step."""
+        """Fill and query everything anew in each step."""
         for step in range(num_steps):
             for look in self._looks:
                 look(step % len(self._job["frames"][0]))
@@ -148,7 +148,7 @@ class Mesh(_Ours):
         self._surface = TriSurface(job["points"], job["facets"])
 
     def advance(self, _num_steps: int) -> None:
-        """From the surface to the finished mesh, clean-up included."""
+        """Mesh from the surface to the finished mesh, clean-up included."""
         corners = self._surface.points[self._surface.facets]
         mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
         mesh = mesh_surface(self._surface, edge_length=_EDGES_INSIDE * mean_edge)

@@ -1,4 +1,4 @@
-"""Surfaces as scans give them, by VTK: decimated, or drawn by marching cubes."""
+"""Surfaces like those of scans, made by VTK: decimated, or by marching cubes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pyvista
 
 
 class Surface:
-    """A body's surface drawn by fewer triangles; with `voxel` [m], by marching cubes."""
+    """A body's surface with fewer triangles; with `voxel` [m], made by marching cubes."""
 
     version, precision = pyvista.__version__, "float32"
 

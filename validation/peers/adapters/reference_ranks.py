@@ -33,7 +33,7 @@ kind = "force"
 force = [10.0, 5.0, -5.0]
 region = {{ half_space = {{ point = [1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0] }} }}
 """
-_LOOKS = 0.2  # [s] between looks at the memory
+_LOOKS = 0.2  # interval at which memory is measured [s]
 
 
 class Truth:
@@ -63,8 +63,8 @@ class Truth:
         ]
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
-        """The command, from its start to its end."""
-        # A machine for tests may run everything as root; other MPIs than Open MPI do not ask.
+        """Run the command from its start to its end."""
+        # A machine for tests may run everything as root, which only Open MPI has to be allowed.
         allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
         with (self._folder / "log.txt").open("w", encoding="utf-8") as log:
             process = subprocess.Popen(
@@ -84,7 +84,7 @@ class Truth:
 
 
 def _peak_memory(process: subprocess.Popen[bytes]) -> float:
-    """Wait for a process; the most memory that it and all that it started fixed at once [MB]."""
+    """Wait for a process; return the peak memory of it and its children together [MB]."""
     is_over, peak = threading.Event(), 0.0
 
     def wait() -> None:
@@ -98,11 +98,11 @@ def _peak_memory(process: subprocess.Popen[bytes]) -> float:
 
 
 def _memory(process: int) -> float:
-    """Resident memory of a process and all below it [MB]; what they share counts each time."""
+    """Resident memory of a process and its children [MB]; shared memory counts for each."""
     try:
         task = Path(f"/proc/{process}")
         pages = int((task / "statm").read_text("ascii").split()[1])
         children = (task / "task" / str(process) / "children").read_text("ascii").split()
-    except (OSError, IndexError):  # it has ended, or this is no Linux
+    except (OSError, IndexError):  # the process has ended, or this is not Linux
         return 0.0
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20 + sum(_memory(int(c)) for c in children)

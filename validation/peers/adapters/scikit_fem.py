@@ -26,7 +26,7 @@ class Static:
         self._is_linear = str(job["strain"]) == "linear"
         mesh = skfem.MeshTet(job["points"].T.copy(), job["cells"].T.astype(np.int64))
         element = skfem.ElementVector(skfem.ElementTetP1())
-        # The gradients of linear tetrahedra are the same everywhere in a cell: one point will do.
+        # The gradients of linear tetrahedra are constant in a cell: one point is enough.
         self._basis = skfem.Basis(mesh, element, intorder=1)
         self._lame = lame(job)
 

@@ -18,7 +18,7 @@ class _TetGen:
         self._mesher.load_mesh(job["points"], facets)
 
     def advance(self, _num_steps: int) -> None:
-        """From its input in its memory to the cells there."""
+        """Mesh from the input in TetGen's memory to the cells there."""
         self._mesher.tetrahedralize(switches_str=self.switches)
 
 
@@ -40,5 +40,5 @@ class Delaunay(_TetGen):
 
     @property
     def result(self) -> dict[str, Any]:
-        """How many cells."""
+        """The number of cells."""
         return {"num_cells": np.array(self._mesher.n_cells)}

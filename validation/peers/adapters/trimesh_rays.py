@@ -1,4 +1,4 @@
-"""Vertices in a closed surface by trimesh and Embree: rays, on a scene made anew in every step."""
+"""Vertices in a closed surface by rays of trimesh and Embree; each step makes a new scene."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 
 class Collision:
-    """Tells which vertices lie in the other body, not in which cell."""
+    """Finds which vertices lie in the other body, but not in which cell."""
 
     version, precision = str(trimesh.__version__), "float32"
 
@@ -30,7 +30,7 @@ class Collision:
         for there, points in ((self._frames[0, k], self._frames[1, k]),
                               (self._frames[1, k], self._frames[0, k])):  # fmt: skip
             solid = trimesh.Trimesh(points, self._facets, process=False, validate=False)
-            # Only what lies in the box of the solid is worth a ray.
+            # Only vertices in the box of the solid get a ray.
             near = np.all((there >= points.min(axis=0)) & (there <= points.max(axis=0)), axis=1)
             flags = np.zeros(len(there), dtype=bool)
             if near.any():
@@ -39,6 +39,6 @@ class Collision:
         return inside
 
     def advance(self, num_steps: int) -> None:
-        """New scene and query."""
+        """Make a new scene, and query it."""
         for step in range(num_steps):
             self._look(step % self._frames.shape[1])

@@ -9,16 +9,16 @@ A step from u with velocity v minimises, over the displacement u+ at its end,
 
 with lumped masses m, mass damping lambda and dead loads F; then v+ = (u+ - u) / dt.
 
-In block descent a point takes Newton's step of its own, the others fixed, colour after colour: A.
+In block descent each point takes its own Newton step with the others fixed, colour by colour: A.
 H. Chen, Z. Liu, Y. Yang, C. Yuksel, Vertex Block Descent, ACM Trans. Graphics 43 (2024), eq. 6-10,
-without acceleration. What it comes to is the minimum that backward Euler asks for.
+without acceleration. It converges to the minimum, which is the solution of backward Euler.
 
 With `method=xpbd` behind the iterations the six Green strains of a cell are its constraints (M.
 Müller, N. Chentanez, T.-Y. Kim, M. Macklin, Strain Based Dynamics, 2014), with the inverse of V
 times Saint-Venant-Kirchhoff's moduli as their compliance (M. Macklin, M. Müller, N. Chentanez,
-XPBD, 2016: algorithm 1, eq. 18 for six at once). So its energy is the law's. Multipliers are added
-up along directions that change on the way, which XPBD leaves aside: with more iterations it comes
-to backward Euler only where steps are short.
+XPBD, 2016: algorithm 1, eq. 18 for six at once). So its energy is the law's. Multipliers are summed
+along directions that change during the iteration, which XPBD neglects: with more iterations it
+converges to backward Euler only where steps are short.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Body:
     """The arrays of a case in motion, and its steps."""
 
     version, takes = np.__version__, ("inclusions",)
-    starts_at_y = False  # from y block descent would need a line search, or far more iterations
+    starts_at_y = False  # from y, block descent would need a line search or many more iterations
 
     def __init__(self, job: dict[str, Any]) -> None:
         if job["strain"] != "green":
@@ -84,7 +84,7 @@ class Body:
 
 
 def colours(neighbours: list[Any]) -> list[Any]:
-    """Items in groups of which none has a neighbour in its own, first come, first served."""
+    """Greedy colouring: groups of items in which no two are neighbours."""
     of: list[int] = []
     for item, near in enumerate(neighbours):
         taken = {of[other] for other in near if other < item}
@@ -93,7 +93,7 @@ def colours(neighbours: list[Any]) -> list[Any]:
 
 
 class BlockDescent(Body):
-    """A sweep over all points, one after another."""
+    """Block descent: sweeps over all points, colour by colour."""
 
     tool, laws = "vertex block descent", ("saint-venant-kirchhoff", "neo-hookean-stable")
 
@@ -113,7 +113,7 @@ class BlockDescent(Body):
             self._groups.append((group, cells, corners, of[self.cells[cells, corners]]))
 
     def _stvk(self, u: Any, cells: Any, corners: Any) -> tuple[Any, Any]:
-        """Forces and stiffnesses of corners, over volume."""
+        """Forces and stiffnesses at corners, divided by volume."""
         F, g = self.deformation_gradients(u, cells), self.gradients[cells, corners]
         lmbda, mu, one = self.lmbda[cells, None, None], self.mu[cells, None, None], np.eye(3)
         E = 0.5 * (F.transpose(0, 2, 1) @ F - one)
@@ -143,14 +143,14 @@ class BlockDescent(Body):
             np.subtract.at(force, rows, volumes[:, None] * f)
             stiffness = w[group][:, :, None] * np.eye(3)
             np.add.at(stiffness, rows, volumes[:, None, None] * K)
-            # A fixed component stays where it is.
+            # A fixed component does not move.
             free = self.is_free[group]
             stiffness = np.where(free[:, :, None] & free[:, None, :], stiffness, np.eye(3))
             u[group] += np.linalg.solve(stiffness, np.where(free, force, 0.0)[..., None])[..., 0]
 
 
 class PositionBased(Body):
-    """A sweep over all cells; the multipliers start anew with each step, which has a new y."""
+    """XPBD: sweeps over all cells; multipliers start at zero in each step, with its new y."""
 
     tool, starts_at_y = "XPBD", True
 
@@ -163,7 +163,7 @@ class PositionBased(Body):
                 of_point[point].append(number)
         near = [{k for p in cell for k in of_point[p]} - {n} for n, cell in enumerate(self.cells)]
         self._groups = colours(near)
-        # W = V (lmbda/2 (tr E)^2 + mu E : E), where the shears stand twice in E : E.
+        # W = V (lmbda/2 (tr E)^2 + mu E : E), where the shears count twice in E : E.
         moduli = np.zeros((count, 6, 6))
         moduli[:, :3, :3] = self.lmbda[:, None, None]
         moduli[:, np.arange(6), np.arange(6)] += self.mu[:, None] * np.array([2, 2, 2, 4, 4, 4])

@@ -60,7 +60,7 @@ def _find_in_cells(
 
 
 class Collision:
-    """A tree for each body, its boxes computed and refitted in every step."""
+    """A tree for each body, whose boxes are computed and refitted in every step."""
 
     version, precision = str(wp.__version__), "float32"
 
@@ -75,14 +75,14 @@ class Collision:
             [wp.zeros(len(self._cells), dtype=wp.vec3, device=DEVICE) for _ in range(2)]
             for _ in range(2)
         ]
-        # The quickest leaves of 1, 2, 4 and 8 cells, refit and query together.
+        # The quickest of leaves with 1, 2, 4 and 8 cells, for refit and query together.
         self._trees: list[Any] = []
         for k in range(2):
             self._fit(k, 0)
             self._trees.append(wp.Bvh(*self._boxes[k], leaf_size=8))
         self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(job["with_self"]) else [])
         self._count = wp.zeros(1, dtype=wp.int32, device=DEVICE)
-        # Room for all that any frame gives.
+        # Memory for the most pairs of any frame.
         self._pairs = {turn: wp.zeros(1, dtype=wp.vec2i, device=DEVICE) for turn in self._turns}
         for k in range(len(self._frames[0])):
             for turn, count in self._look(k).items():
@@ -125,6 +125,6 @@ class Collision:
         return counts
 
     def advance(self, num_steps: int) -> None:
-        """Boxes, refit and query."""
+        """Compute boxes, refit and query."""
         for step in range(num_steps):
             self._look(step % len(self._frames[0]))
