@@ -322,7 +322,7 @@ def support_hypotheses(result: StaticResult) -> Iterator[Explanation]:
     # Components that are fixed and should be free.
     still = body.free & (np.abs(displacement) <= _STILL * largest)
     if still.any() and still.sum() < 0.5 * body.free.sum():
-        name = _overheld_words(body, still)
+        name = _overfixed_words(body, still)
         yield result.tried(name, Cause.SUPPORT, 2, rows=body.free & ~still)
 
 
@@ -354,7 +354,7 @@ def _released_words(body: Body, off: Mask) -> tuple[str, bool]:
     return ", ".join(parts) or "a support is not fixed", plain and len(parts) == 1
 
 
-def _overheld_words(body: Body, still: Mask) -> str:
+def _overfixed_words(body: Body, still: Mask) -> str:
     for number, support in enumerate(body.problem.supports, start=1):
         mine = np.zeros_like(still)
         mine[support.points] = True

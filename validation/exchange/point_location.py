@@ -72,13 +72,13 @@ def locate(points: Points, cells: Indices | Rows, positions: Points) -> Location
     corners = points[cells]
     inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     found, weights = np.full(len(positions), -1), np.zeros((len(positions), 4))
-    for who, tried in _within_reach(positions, np.zeros(len(positions)), corners):
-        inner = np.einsum("pij,pj->pi", inverse[tried], positions[who] - corners[tried, 0])
+    for searched, tried in _within_reach(positions, np.zeros(len(positions)), corners):
+        inner = np.einsum("pij,pj->pi", inverse[tried], positions[searched] - corners[tried, 0])
         tried_weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
         depth = tried_weights.min(axis=1)
-        order = np.lexsort([tried, -depth, who])
+        order = np.lexsort([tried, -depth, searched])
         order = order[depth[order] >= _INSIDE]
-        rows, first = np.unique(who[order], return_index=True)
+        rows, first = np.unique(searched[order], return_index=True)
         found[rows], weights[rows] = tried[order[first]], tried_weights[order[first]]
     distances = np.zeros(len(positions))
     outside = np.flatnonzero(found < 0)
@@ -121,9 +121,9 @@ def nearest_on_surface(
     if within is not None:
         reach = np.minimum(reach, within)
     chosen = np.zeros(len(positions), dtype=np.int64)
-    for who, tried in _within_reach(positions, reach, corners):
-        order = np.lexsort([tried, _on_triangles(positions[who], corners[tried])[1], who])
-        rows, first = np.unique(who[order], return_index=True)
+    for searched, tried in _within_reach(positions, reach, corners):
+        order = np.lexsort([tried, _on_triangles(positions[searched], corners[tried])[1], searched])
+        rows, first = np.unique(searched[order], return_index=True)
         chosen[rows] = tried[order[first]]
     weights, distances = _on_triangles(positions, corners[chosen])
     return Nearest(chosen, weights, distances)

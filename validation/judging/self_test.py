@@ -94,7 +94,7 @@ _OWN_MESH = 0.35
 # A region that contains every case above, metres or millimetres.
 _EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
 # Found when the result is read, whatever is checked.
-_NOT_TELLING = (Fault.NONE, Fault.NAN)
+_NEVER_TRIED = (Fault.NONE, Fault.NAN)
 
 
 def run_self_test(
@@ -123,7 +123,7 @@ def run_self_test(
     for case in dict.fromkeys(case for _, case in trials):
         healthy[case.name] = result = judge_case(case, candidate=judged)
         progress(f"healthy, {case.name}: {result.verdict}")
-        checks.append(_trial("healthy", case, _is_healthy(result), _tell(result)))
+        checks.append(_trial("healthy", case, _is_healthy(result), _summary(result)))
     for fault, case in trials:
         check = _try(fault, case, judged, healthy[case.name])
         if not cases and check.verdict is Verdict.SKIPPED:
@@ -166,7 +166,7 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
     if not caught and _is_same(result, healthy):
         message = "the answer is the same with this fault and without"
         return replace(_trial(fault.value, case, True, message), verdict=Verdict.SKIPPED)
-    return _trial(fault.value, case, bool(caught), _tell(result))
+    return _trial(fault.value, case, bool(caught), _summary(result))
 
 
 def _red(result: CaseResult) -> set[tuple[int, str]]:
@@ -217,7 +217,7 @@ def _try_references(word: str, progress: Progress) -> CheckResult:
     return _trial(word, case, is_caught, message)
 
 
-def _tell(result: CaseResult) -> str:
+def _summary(result: CaseResult) -> str:
     """The checks that failed, the sharpest first."""
     failed = [check for check in result.checks if check.verdict is Verdict.FAILED]
     if not failed:
@@ -323,7 +323,7 @@ def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -
             for fault, (solution, failure) in of_fault.items()
             if solution is not None or failure
         }
-        tried = [fault for fault in verdicts if fault not in _NOT_TELLING]
+        tried = [fault for fault in verdicts if fault not in _NEVER_TRIED]
         seen = tuple(fault for fault in tried if verdicts[fault] is Verdict.FAILED)
         unseen = tuple(fault for fault in tried if fault not in seen)
         rows.append(MetricRow(spec.metric, kind, verdicts[Fault.NONE], seen, unseen))
@@ -388,7 +388,7 @@ def table_lines(rows: list[MetricRow]) -> list[str]:
     """The table metric by fault in fixed columns, with a legend."""
     if not rows:
         return []
-    faults = [fault for fault in Fault if fault not in _NOT_TELLING]
+    faults = [fault for fault in Fault if fault not in _NEVER_TRIED]
     marks = [chr(ord("a") + number) for number in range(len(faults))]
     width = max(len(f"{row.metric}, {row.kind}") for row in rows)
     lines = ["Which metric alone sees which fault (x: red, .: let pass, blank: cannot show there):"]

@@ -87,9 +87,9 @@ def judge_versus(
     solutions: list[State] = []
     failures: list[str] = []
     notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
-    for who, name in zip((candidate, other), names, strict=True):
-        notes.extend(who.notes)
-        solution, failure = _solution(who, problem, strain, progress)
+    for each, name in zip((candidate, other), names, strict=True):
+        notes.extend(each.notes)
+        solution, failure = _solution(each, problem, strain, progress)
         if failure:
             failures.append(f"{name}: {case.spec.units.in_case_units(failure)}")
         if solution is not None:
@@ -209,11 +209,11 @@ def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
 
 
 def _solution(
-    who: Candidate, problem: Problem, strain: Strain, progress: Progress
+    each: Candidate, problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State | None, str]:
     """The candidate's state or None, and why it has failed."""
     try:
-        solution = who.solve(problem, strain, progress)
+        solution = each.solve(problem, strain, progress)
     except CandidateFailedError as error:
         return None, str(error)
     unmeasurable = unmeasurable_state(solution)

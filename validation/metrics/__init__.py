@@ -10,7 +10,7 @@ from palpate.validation.metrics.catalogue import (
 from palpate.validation.metrics.difference import Difference, is_still, make_state
 from palpate.validation.metrics.numbers import STRESSES, Number
 from palpate.validation.metrics.own_mesh import OWN_MESH_REMEDY
-from palpate.validation.metrics.stress import Part, stress_integrals, tells_stress
+from palpate.validation.metrics.stress import Part, is_stress_known, stress_integrals
 from palpate.validation.metrics.validity import (
     det_f,
     inverted_cells,
@@ -31,10 +31,10 @@ __all__ = [
     "det_f",
     "inverted_cells",
     "is_still",
+    "is_stress_known",
     "make_state",
     "measure",
     "most_inverted",
     "smallest_det_f",
     "stress_integrals",
-    "tells_stress",
 ]

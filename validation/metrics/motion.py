@@ -83,13 +83,13 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
         for motion, fitted in ((sent, found), (theirs, expected)):
             off = fit_uncertainty(motion.times, _along(motion, point, axis), fitted)
             uncertainty += float(getattr(off, word))
-    for who, motion in (("the reference", theirs), ("the candidate", sent)):
+    for whose, motion in (("the reference", theirs), ("the candidate", sent)):
         why = too_coarse(motion, expected.frequency)
         why = why or may_be_alias(
             problem, reference.strain, motion, element=candidate.element, of=theirs
         )
         if why:
-            uncertainty, remark = math.inf, f"of {who}, {why}"
+            uncertainty, remark = math.inf, f"of {whose}, {why}"
     return Difference(
         float(getattr(errors, word)), 1.0, _SCALES[word], uncertainty=uncertainty, remark=remark
     )

@@ -78,7 +78,7 @@ class Part:
     says: str = ""
 
 
-def tells_stress(state: State) -> bool:
+def is_stress_known(state: State) -> bool:
     """Whether a state's stress is known: a quadratic displacement at corners does not give it."""
     return state.degree == 1 or state.integrals is not None
 

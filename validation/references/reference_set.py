@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.metrics import Number, Part, measure, tells_stress
+from palpate.validation.metrics import Number, Part, is_stress_known, measure
 from palpate.validation.references.bars import (
     NOISE,
     BarParts,
@@ -101,7 +101,7 @@ class ReferenceSet:
     def stress_truth(self, strain: Strain) -> State | None:
         """The truth where its stress is known, else P2 solved here; None where there is none."""
         truth, here = self.truth(strain), self.states.get((QUADRATIC, strain))
-        if truth is not None and not tells_stress(truth):
+        if truth is not None and not is_stress_known(truth):
             return here if here is not None and here.stresses is not None else None
         return truth
 
