@@ -46,7 +46,7 @@ class Histories:
     Attributes:
         of_load: History of each load.
         of_support: History of each support.
-        of_turn: Of each support that turns, the histories of sin(angle s) and 1 - cos(angle s), s
+        of_turn: For each support that turns, the histories of sin(angle s) and 1 - cos(angle s), s
             its factor; None of the others.
 
     Raises:

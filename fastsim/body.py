@@ -91,7 +91,7 @@ class Body:
         law: What the material follows under Green strain.
         core: The compiled body; holds one stiffness matrix at a time.
         lmbda, mu: Lamé's parameters of each cell [Pa], shape (num_cells,).
-        density: Of each cell [kg/m3], shape (num_cells,).
+        density: Density of each cell [kg/m3], shape (num_cells,).
 
     Raises:
         InputError: By every method that is given a displacement: wrong shape, or a value that is

@@ -38,8 +38,8 @@ class CriticalCells:
     """The cells and the facet that decide the time step of a mesh.
 
     Attributes:
-        time_step: Of the mesh [s]: the smallest of all cells'.
-        wave_speed: Of pressure waves [m/s]; `time_step` times it is a length of the mesh alone.
+        time_step: Time step of the mesh [s]: the smallest of all cells'.
+        wave_speed: Speed of pressure waves [m/s]; times `time_step` a length of the mesh alone.
         cells: The ten with the smallest steps, smallest first.
         steps: Stable steps of these cells [s].
         places: Their centroids [m], shape (n, 3).
@@ -62,7 +62,7 @@ def find_critical_cells(mesh: TetMesh, material: Material) -> CriticalCells:
     """The cells that decide the time step of linear tetrahedra at rest, and the surface's bound.
 
     Args:
-        mesh: Of one material.
+        mesh: Mesh of one material.
         material: All laws are as stiff at rest.
     """
     steps = Body(mesh, material).cell_time_steps()
@@ -110,7 +110,7 @@ def mesh_to_time_step(
     by the surface.
 
     Args:
-        material: Of the body.
+        material: Material of the body.
         time_step: Wanted [s], > 0.
         make: Meshes a surface, from an altitude [m] below which cells are improved; 0 is as
             without a target.
@@ -138,7 +138,7 @@ def move_for_time_step(
 
     Args:
         mesh: Its boundary is preserved.
-        material: Of the body.
+        material: Material of the body.
         time_step: Where to stop [s].
 
     Returns:

@@ -98,7 +98,7 @@ def simulate(
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
             which is 1 from the start where it has none. Evaluated up to one step beyond the end.
         support_amplitude: Such factors on the prescribed displacements of the supports.
-        precision: Of the step; loads, states and energies are float64 all the same.
+        precision: Precision of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
         device: "cpu" is the compiled core; for others see `ExplicitBody`.
         tracks_energy: Sum up work and losses at every step (slower).
@@ -154,7 +154,7 @@ class Recorder:
         tracks_energy: Whether energies are recorded.
 
     Attributes:
-        times: Of the outputs [s], shape (num_outputs + 1,), from 0.
+        times: Times of the outputs [s], shape (num_outputs + 1,), from 0.
     """
 
     def __init__(self, body: ExplicitBody, *, tracks_energy: bool) -> None:

@@ -53,7 +53,7 @@ class ExplicitBody:
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
             which is 1 from the start where it has none.
         support_amplitude: Such factors on the prescribed displacements of the supports.
-        precision: Of the step; loads, states and energies are float64 all the same.
+        precision: Precision of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
         device: "cpu" is the compiled core; "cuda:0" a GPU and "warp:cpu" its kernels on the
             processor, which need the extra `gpu`; see `palpate.fastsim.gpu`.
@@ -276,8 +276,8 @@ class ExplicitBody:
         """Send a tool elsewhere: it goes there during the next call of `step`, and stays.
 
         Args:
-            number: Of the tool, from 0.
-            position: Of its origin [m], shape (3,).
+            number: Number of the tool, from 0.
+            position: Position of its origin [m], shape (3,).
             rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
 
         Raises:

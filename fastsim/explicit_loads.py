@@ -257,7 +257,7 @@ class ExplicitSprings:
     """The springs of a run, which may be added, removed and moved between its steps.
 
     Args:
-        points: Of the mesh at rest [m], shape (num_points, 3).
+        points: Points of the mesh at rest [m], shape (num_points, 3).
         springs: Springs of the problem.
 
     Attributes:

@@ -126,7 +126,7 @@ def diagnose(
     """The error that states what happened, in which cell, and what to change.
 
     Args:
-        body: At rest.
+        body: The body at rest.
         reason: What the core found.
         point: The point that moved fastest, or -1.
         displacement: The last good state [m], shape (num_points, 3).

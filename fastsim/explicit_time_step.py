@@ -36,8 +36,8 @@ def critical_with_springs(body: Body, springs: ExplicitSprings, time_step: float
     """The critical step of a body and its springs, without damping and contact [s].
 
     Args:
-        body: At rest.
-        springs: Of the problem.
+        body: The body at rest.
+        springs: Springs of the problem.
         time_step: Chosen step [s], or None. Where all springs at once are too stiff for it, only
             those that ever pull together count.
     """

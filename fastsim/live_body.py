@@ -58,7 +58,7 @@ class BodyTool:
         has no time, is there at once.
 
         Args:
-            position: Of the tool's origin [m], shape (3,).
+            position: Position of the tool's origin [m], shape (3,).
             rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
 
         Raises:
@@ -152,7 +152,7 @@ class LiveBody:
         element: Linear tetrahedra, plain or smoothed.
         time_step: [s]; None takes the time span's, or 0.8 of the critical one, cut to 20
             significant bits so that its multiples are exact.
-        precision: Of the step.
+        precision: Precision of the step.
         num_threads: At least 1.
 
     Attributes:
@@ -278,9 +278,9 @@ class LiveBody:
         Its anchor is at the present mean position of the patch, so that its resultant is zero.
 
         Args:
-            center: Of the patch, on the body at rest [m], shape (3,).
+            center: Center of the patch, on the body at rest [m], shape (3,).
             radius: [m], > 0.
-            stiffness: Of the whole patch [N/m], > 0.
+            stiffness: Stiffness of the whole patch [N/m], > 0.
 
         Raises:
             InputError: No patch there, or a value that makes no sense.

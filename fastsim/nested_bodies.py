@@ -54,10 +54,10 @@ class _Bodies:
     """Surfaces on common points.
 
     Attributes:
-        names: Of the surfaces.
+        names: Names of the surfaces.
         points: [m].
-        facets: Of each surface.
-        parent: Of each surface the innermost one around it, or -1.
+        facets: Facets of each surface.
+        parent: The innermost surface around each one, or -1.
     """
 
     names: list[str]

@@ -31,11 +31,11 @@ class PatchSprings:
     """The springs of a problem on its mesh.
 
     Args:
-        points: Of the mesh at rest [m], shape (num_points, 3).
+        points: Points of the mesh at rest [m], shape (num_points, 3).
         springs: The springs; may be empty.
 
     Attributes:
-        facets: Of all patches, one after the other, shape (m, 3).
+        facets: Facets of all patches, one after the other, shape (m, 3).
         stiffnesses: Between their corners [N/m], shape (m, 9).
         of_facet: Which spring each belongs to, shape (m,).
 

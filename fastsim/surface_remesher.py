@@ -168,7 +168,7 @@ class KeptVolume:
 
     Attributes:
         points: [m], shape (num_points, 3).
-        distance: Of either surface from the other afterwards [m], where it is measured.
+        distance: Distance of either surface from the other afterwards [m], where it is measured.
         part: Fraction of the missing volume that was restored, 0 to 1; below 1 the distance was
             the limit.
     """
@@ -189,7 +189,7 @@ def keep_volume(
     """Move points so that the volume is that of the given surface, within a distance of it.
 
     Args:
-        points: Of the new surface [m], shape (num_points, 3).
+        points: Points of the new surface [m], shape (num_points, 3).
         facets: Shape (num_facets, 3).
         given: Points and facets of the given surface.
         distance: Largest allowed distance of either surface from the other [m].

@@ -53,7 +53,7 @@ def condense(
         touched: Points on which forces may act, none fixed in all components; None is every such
             point of the boundary.
         seen: Further points whose displacements are wanted; None is the touched ones alone.
-        precision: Of the stored compliance: single halves the memory, and is exact to 1e-7.
+        precision: Precision of the compliance: single halves the memory, and is exact to 1e-7.
         keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
         most_bytes: Allowed while the model is made.
         progress: Called with one line now and then; the first states the memory and the work.
@@ -163,7 +163,7 @@ def condensed_size(
         element: Linear tetrahedra, plain or smoothed.
         touched: Points on which forces may act; None is the boundary, as in `condense`.
         seen: Further points whose displacements are wanted; None is none.
-        precision: Of the stored compliance.
+        precision: Precision of the stored compliance.
         keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
 
     Returns:
@@ -225,7 +225,7 @@ def condense_once(
         element: Linear tetrahedra, plain or smoothed.
         touched: Points on which forces may act; None is the boundary, as in `condense`.
         seen: Further points whose displacements are wanted; None is none.
-        precision: Of the stored compliance.
+        precision: Precision of the stored compliance.
         keep_inside: Whether to store what `CondensedModel.whole_displacement` needs.
         most_bytes: Allowed while the model is made.
         progress: Called with one line now and then.

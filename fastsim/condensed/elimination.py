@@ -81,7 +81,7 @@ def condense_matrix(
     """Eliminate all points that are not retained.
 
     Args:
-        graph: Of the matrix.
+        graph: Graph of the matrix.
         blocks: Its 3 x 3 blocks, symmetric and positive definite, shape (num_entries, 3, 3).
         loads: Right-hand sides, shape (3 num_points, num_columns).
         dissection: The order.
@@ -285,7 +285,7 @@ def dissect(points: Points, graph: Graph, eliminated: Indices, kept: Indices) ->
 
     Args:
         points: Positions [m], shape (num_points, 3).
-        graph: Of the matrix.
+        graph: Graph of the matrix.
         eliminated: Points to eliminate.
         kept: Points to retain; none of `eliminated`.
     """

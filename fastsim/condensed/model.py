@@ -43,7 +43,7 @@ class CondensedModel:
     Attributes:
         problem: What was condensed.
         element: Its tetrahedra.
-        precision: Of the compliance.
+        precision: Precision of the compliance.
         touched: Points on which forces may act, ascending, shape (num_touched,).
         seen: Points whose displacements are known: those that are only seen, then the touched
             ones, shape (num_seen,).
@@ -51,8 +51,8 @@ class CondensedModel:
             core/condensed/compliance.hpp has them: symmetric, so half of it.
         load_displacement: Displacement of seen points by the problem's loads [m], (num_seen, 3).
         terms: What moves the supports.
-        term_displacements: Displacement of seen points by each term [m], (n, num_seen, 3).
-        anchor_displacements: Of the seen points by the anchor of each spring along x, y, z [m/m],
+        term_displacements: Displacement of seen points by terms of factor 1, (n, num_seen, 3) [m].
+        anchor_displacements: Displacement of seen points by each anchor along x, y, z [m/m],
             shape (num_springs, 3, num_seen, 3).
         key: Hash of problem, element and points; a file of another key is refused.
         inside: From which the points inside follow; None if it was not stored.

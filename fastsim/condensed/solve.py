@@ -42,7 +42,7 @@ class CondensedResult:
     """A static solution by the condensed model.
 
     Attributes:
-        displacement: Of all points [m], shape (num_points, 3).
+        displacement: Displacement of all points [m], shape (num_points, 3).
         tool_forces: On each tool at the end of its path [N], shape (num_tools, 3).
         num_touched: Points of the compliance.
         model_bytes: Size of the compliance.

@@ -34,7 +34,7 @@ class StepState(NamedTuple):
     """An equilibrium with tools.
 
     Attributes:
-        displacement: Of the model's seen points [m], shape (num_seen, 3).
+        displacement: Displacement of the model's seen points [m], shape (num_seen, 3).
         forces: On each tool [N], shape (num_tools, 3).
         moments: On each tool about its origin [N m], shape (num_tools, 3).
         touching: Vertices that tools push.
@@ -146,7 +146,7 @@ class CondensedSteps:
         """Equilibrium with the tools at these poses, from that of the last step.
 
         Args:
-            poses: Of each tool: position [m], shape (3,), and rotation matrix, shape (3, 3); or
+            poses: For each tool position [m], shape (3,), and rotation matrix, shape (3, 3); or
                 both in a row, shape (num_tools, 12).
 
         Raises:

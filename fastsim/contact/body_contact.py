@@ -45,7 +45,7 @@ class BodyContact:
         law: A penalty; its stiffness None is the smaller of ten layers of cells and what the time
             step bears.
         mass: Lumped [kg], shape (num_points,).
-        critical_time_step: Of the bodies alone [s].
+        critical_time_step: Critical time step of the bodies alone [s].
         time_step: Chosen step [s], or None.
 
     Attributes:
@@ -179,8 +179,8 @@ class VertexCellDetector:
         """Find all overlaps where the bodies are now.
 
         Args:
-            points: Of the body with the cells [m], shape (num_points, 3).
-            intruder_points: Of the other body [m]; None for the same body.
+            points: Points of the body with the cells [m], shape (num_points, 3).
+            intruder_points: Intruder points of the other body [m]; None for the same body.
 
         Raises:
             InputError: Wrong shape.

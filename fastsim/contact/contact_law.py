@@ -118,7 +118,7 @@ def explicit_stiffness(
         law: A stiffness given in it is used unchanged.
         layer: Stiffness of a layer of cells [Pa/m].
         lightest: Smallest mass per area of the vertices [kg/m2].
-        critical_time_step: Of the body alone [s].
+        critical_time_step: Critical time step of the body alone [s].
         time_step: Chosen step [s], or None.
         pressing: How many vertices' stiffnesses add up in omega^2.
 
@@ -156,7 +156,7 @@ def largest_speed(
         contact: The tool.
         mass: Lumped [kg], shape (num_points,).
         time_step: [s].
-        stiffness: Of the penalty [Pa/m]; None for the constraint.
+        stiffness: Stiffness of the penalty [Pa/m]; None for the constraint.
     """
     duration = time_step
     if stiffness is not None and len(contact.vertices):
@@ -318,8 +318,8 @@ def read_pose(
     """Check a pose to which a tool is sent: position [m], unit quaternion or None.
 
     Args:
-        number: Of the tool, from 0.
-        position: Of its origin [m], shape (3,).
+        number: Number of the tool, from 0.
+        position: Position of its origin [m], shape (3,).
         rotation: Unit quaternion (w, x, y, z), shape (4,), or None.
 
     Raises:

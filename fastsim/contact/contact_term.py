@@ -39,8 +39,8 @@ class ContactTerm:
         stiffnesses: Penalty k of each [Pa/m].
 
     Attributes:
-        poses: Of each tool, of `POSE`; to be set before any other use.
-        multipliers: Of the vertices of each tool [N].
+        poses: Poses of each tool, of `POSE`; to be set before any other use.
+        multipliers: Multipliers of the vertices of each tool [N].
         settled: Normal forces on them at the last equilibrium [N].
     """
 
@@ -275,7 +275,7 @@ class Drag:
 
         Args:
             places: Positions of the vertices [m], shape (n, 3).
-            pose: Of the tool.
+            pose: Pose of the tool.
             normals: Out of the tool, shape (n, 3).
             pushes: Multipliers of contact, which bound it [N], shape (n,).
         """
@@ -326,7 +326,7 @@ class BoxFaces:
     Faces are outward normals in the box's frame; zero is none, over an edge or a corner.
 
     Args:
-        half_widths: Of the box [m].
+        half_widths: Half widths of the box [m].
     """
 
     def __init__(self, half_widths: tuple[float, float, float]) -> None:

@@ -36,7 +36,7 @@ class ToolTooSmallError(ToolError):
 
     Attributes:
         tool: Number of the tool, from 0.
-        half_thickness: Of the tool where it is thinnest [m].
+        half_thickness: Half thickness of the tool where it is thinnest [m].
         spacing: Largest radius of a circle through the corners of a facet in its way [m].
     """
 

@@ -50,12 +50,12 @@ class ToolTrack:
     """Position of a tool and the loads on it, at the output times.
 
     Attributes:
-        positions: Of its origin [m], shape (n, 3).
+        positions: Positions of its origin [m], shape (n, 3).
         forces: On the tool [N], shape (n, 3): minus the sum of those on the body. With the
             constraint those of one step, which chatter; see `mean_forces`.
         moments: About its origin [N m], shape (n, 3).
         mean_forces: Over the time since the output before [N], shape (n, 3); the first is zero.
-        smallest_gaps: Of all vertices near the tool [m], shape (n,); infinite if none is near.
+        smallest_gaps: Smallest gap of vertices near it [m], shape (n,); infinite if none is near.
         stiffness: Penalty stiffness [Pa/m]; None with the constraint.
         largest_speed: Speed up to which no vertex passes through [m/s].
     """
@@ -77,7 +77,7 @@ class ExplicitTools:
         law: How contact is enforced; None is the constraint, or for a tool that is driven by a
             force the penalty.
         mass: Lumped [kg], shape (num_points,).
-        critical_time_step: Of the body alone [s].
+        critical_time_step: Critical time step of the body alone [s].
         time_step: Chosen step [s], or None.
         clock: Time on the tools' paths for times of the run; None is the same time.
 
@@ -228,7 +228,7 @@ class ExplicitTools:
         """The track of each tool between its first record and its last.
 
         Args:
-            times: Of the records [s], shape (n,).
+            times: Times of the records [s], shape (n,).
             steps: Poses on the tools' paths, shape (n, num_tools) of `TOOL_STEP`.
             records: Loads on the tools, shape (n, num_tools) of `TOOL_RECORD`.
         """

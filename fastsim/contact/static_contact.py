@@ -53,7 +53,7 @@ class ContactResult:
         stiffnesses: Penalty of each tool [Pa/m].
         iterations: Newton iterations in all.
         linear_iterations: Conjugate-gradient iterations in all.
-        residual_history: Of the last Newton solve.
+        residual_history: Residual history of the last Newton solve.
     """
 
     times: Floats

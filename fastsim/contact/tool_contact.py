@@ -122,9 +122,9 @@ def on_tool(
 
     Args:
         contact: The tool.
-        displacement: Of the body [m], shape (num_points, 3).
+        displacement: Displacement of the body [m], shape (num_points, 3).
         force: On the contact's vertices [N], shape (n, 3).
-        pose: Of the tool.
+        pose: Pose of the tool.
     """
     arms = contact.places(displacement) - pose["position"]
     return np.concatenate([-force.sum(axis=0), -np.cross(arms, force).sum(axis=0)])

@@ -38,7 +38,7 @@ def simulate_batch(
         device: "cuda:0", or "warp:cpu".
         strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed.
-        precision: Of the step.
+        precision: Precision of the step.
         is_repeatable: Sums in one order, bit for bit; else in any order.
         tracks_energy: Sum up work and losses at every step.
 

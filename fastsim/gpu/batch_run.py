@@ -32,7 +32,7 @@ class Plan:
     """Factors and tools for the steps of a body: a row before each step, and one for the end.
 
     Attributes:
-        factors: Of the body's histories [-], shape (num_steps + 1, num_histories).
+        factors: Factors of the body's histories [-], shape (num_steps + 1, num_histories).
         tools: Poses and drives of its tools, shape (num_steps + 1, 13 num_tools).
     """
 

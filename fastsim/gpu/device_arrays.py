@@ -347,7 +347,7 @@ class MeshArrays:
         volumes: [m3], shape (num_cells,).
         kinds: Rows of the moduli, shape (num_cells,).
         gather: Entries 4 cell + corner of each point.
-        patches: Of the smoothed element, else None.
+        patches: Patches of the smoothed element, else None.
     """
 
     corners: Indices
@@ -436,7 +436,7 @@ class BodyData:
     """A body, and its loads, supports and tools.
 
     Attributes:
-        body: At rest.
+        body: The body at rest.
         mass: Lumped [kg], shape (num_points,).
         is_free: 1 where free, 0 where fixed, shape (num_points, 3).
         time_step: [s].

@@ -25,7 +25,7 @@ class DeviceRun:
 
     Args:
         problem: With the tools.
-        body: At rest.
+        body: The body at rest.
         mass: Lumped [kg], shape (num_points,).
         is_free: 1 where free, shape (num_points, 3).
         device, precision, is_repeatable, tracks_energy: See `BatchRun`.

@@ -37,7 +37,7 @@ class Launches:
         device: Its name in Warp.
         precision: "float32" or "float64".
         bodies: All on one mesh.
-        mesh: At rest.
+        mesh: The mesh at rest.
         moduli: lmbda and mu of each body and kind [Pa], shape (num_bodies, 2 num_kinds).
         is_green: Finite strain, else engineering strain.
         is_atomic: Forces are added by atomic operations, in any order.

@@ -259,7 +259,7 @@ def mark_largest(errors: ArrayLike, *, part: float = 0.5) -> NDArray[np.bool_]:
     """The fewest cells that make up a fraction of the squared error (Doerfler 1996).
 
     Args:
-        errors: Of each cell, >= 0, shape (num_cells,).
+        errors: Errors of each cell, >= 0, shape (num_cells,).
         part: Above 0, at most 1.
     """
     squared = np.asarray(errors, dtype=np.float64) ** 2

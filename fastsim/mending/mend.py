@@ -152,7 +152,7 @@ class UntangleReport:
         replaced_facets: Facets that were moved or replaced, by their number before.
         distance: Largest distance of either surface from the other, over corners, middles of
             edges and centres of what was changed [m].
-        euler_change: Of Euler's characteristic: 2 for each bridge that was cut or shell made.
+        euler_change: Change of Euler's characteristic: 2 for each bridge cut or shell made.
     """
 
     num_pairs: int = 0

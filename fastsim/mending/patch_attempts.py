@@ -30,7 +30,7 @@ class Surroundings:
 
     Attributes:
         points: [m].
-        facets: Of the part.
+        facets: Facets of the part.
         is_held: Points where the surface continues, which stay fixed, shape (num_points,).
         most_facets: Largest number of facets of a patch.
     """
