@@ -14,6 +14,8 @@ Points = NDArray[np.float64]
 # Of any other shape: scalars, a flat vector over the degrees of freedom, 3 x 3 matrices.
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def checked_points(points: Any) -> Points:

@@ -59,7 +59,7 @@ def held(
     components: tuple[bool, bool, bool] = (True, True, True),
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Support:
-    """Facets with their corners, held."""
+    """Support of facets with their corners, at a given displacement [m]."""
     return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
 
 

@@ -15,9 +15,8 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.shells import Shell, ShellKind, find_shells
 from palpate.meshes.supervised import run_supervised
@@ -25,7 +24,7 @@ from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
-from palpate.meshes.triangles import Integers, edge_uses
+from palpate.meshes.triangles import edge_uses
 
 # Edges times facets per block: limits the memory to some 100 MB.
 _BLOCK = 500_000
@@ -174,17 +173,15 @@ def _piercings(surface: TriSurface, rows: Integers, walls: Integers) -> list[tup
     return found
 
 
-def _boxes_meet(
-    points: Points, items: Indices | Integers, others: Indices | Integers
-) -> NDArray[np.bool_]:
+def _boxes_meet(points: Points, items: Indices | Integers, others: Indices | Integers) -> Mask:
     low, high = points[others].min(axis=(0, 1)), points[others].max(axis=(0, 1))
     corners = points[items]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
-    found: NDArray[np.bool_] = meets.all(axis=1)
+    found: Mask = meets.all(axis=1)
     return found
 
 
-def _pierces(points: Points, edges: Integers, facets: Indices) -> NDArray[np.bool_]:
+def _pierces(points: Points, edges: Integers, facets: Indices) -> Mask:
     """Whether each edge passes through each facet, shape (num_edges, num_facets)."""
     p, q = (points[edges[:, None, k]] for k in range(2))
     a, b, c = (points[facets[None, :, k]] for k in range(3))
@@ -195,7 +192,7 @@ def _pierces(points: Points, edges: Integers, facets: Indices) -> NDArray[np.boo
         np.einsum("efk,efk->ef", along, np.cross(u - p, v - p)) for u, v in ((a, b), (b, c), (c, a))
     ]
     is_through = (np.minimum.reduce(turns) > 0.0) | (np.maximum.reduce(turns) < 0.0)
-    found: NDArray[np.bool_] = (ends < 0.0) & is_through
+    found: Mask = (ends < 0.0) & is_through
     return found
 
 

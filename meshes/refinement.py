@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -177,19 +177,19 @@ class _EdgeMidpoints:
         self.points: Points = np.vstack([mesh.points, middle])
 
     @property
-    def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def ends(self) -> tuple[Integers, Integers]:
         """Points at the two ends of each edge, each (n,)."""
         first, second = np.divmod(self._keys, self._stride)
         return first, second
 
-    def _key(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _key(self, pairs: Integers) -> Integers:
         low, high = pairs.min(axis=1), pairs.max(axis=1)
-        key: NDArray[np.int64] = low * self._stride + high
+        key: Integers = low * self._stride + high
         return key
 
-    def of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    def of(self, pairs: Integers) -> Integers:
         """Point index of the midpoint of each edge, shape (n,)."""
-        place: NDArray[np.int64] = np.searchsorted(self._keys, self._key(pairs)).astype(np.int64)
+        place: Integers = np.searchsorted(self._keys, self._key(pairs)).astype(np.int64)
         return np.asarray(place + self._stride, dtype=np.int64)
 
     def facets(self, facets: Indices) -> Indices:
@@ -220,7 +220,6 @@ class _EdgeMidpoints:
 # Edges of each facet of a cell, by their number in EDGES.
 _FACET_EDGES = np.array([[3, 4, 5], [1, 2, 5], [0, 2, 4], [0, 1, 3]])
 _FACET_PAIRS = np.array([[0, 1], [0, 2], [1, 2]])
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +235,7 @@ class LocallyRefined:
     given_cell: Indices
 
 
-def refine_cells(problem: Problem, marked: NDArray[np.bool_]) -> LocallyRefined:
+def refine_cells(problem: Problem, marked: Mask) -> LocallyRefined:
     """Halve the edges of the marked cells, and cut others until no point hangs.
 
     Supports, loads and tools keep their facets' area, inclusions their volume, forces on points
@@ -272,7 +271,7 @@ def refine_cells(problem: Problem, marked: NDArray[np.bool_]) -> LocallyRefined:
 class _Cut:
     """The edges that are cut, each with its midpoint, after the mesh's own points."""
 
-    def __init__(self, mesh: TetMesh, marked: NDArray[np.bool_]) -> None:
+    def __init__(self, mesh: TetMesh, marked: Mask) -> None:
         self._num_given = mesh.num_points
         pairs = mesh.cells[:, EDGES].reshape(-1, 2).astype(np.int64)
         keys, edge_of = np.unique(self._key(pairs), return_inverse=True)

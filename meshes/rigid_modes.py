@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.meshes.arrays import Integers
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.triangles import Integers, connected_parts
+from palpate.meshes.triangles import connected_parts
 
 
 class UnsupportedBodyError(InputError):

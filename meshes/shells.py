@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Integers, Points
 from palpate.meshes.tri_surface import OrientationError, TriSurface
 from palpate.meshes.triangles import EdgeUses, facet_parts
 
@@ -35,7 +34,7 @@ class Shell:
         kind: By nesting: with an even number of shells around it, it is an outer wall.
     """
 
-    facets: NDArray[np.int64]
+    facets: Integers
     volume: float
     around: tuple[int, ...]
     kind: ShellKind

@@ -169,7 +169,7 @@ class Spring:
         whole = float(facet_areas(corners) @ weights.mean(axis=1))
         if not whole > 0.0:
             raise InputError(
-                f"radius = {self.radius:g} m of a spring about {_told(self.center)} m: no point of "
+                f"radius = {self.radius:g} m of a spring about {_text(self.center)} m: no point of "
                 "the surface lies so near; take a larger radius or smaller cells"
             )
         found: Floats = self.stiffness / whole * weights
@@ -199,20 +199,20 @@ def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: floa
     near = facets[distances < radius]
     if not distances[nearest] < radius:
         raise InputError(
-            f"radius = {radius:g} m about {_told(center)} m: the surface is {distances[nearest]:g} "
+            f"radius = {radius:g} m about {_text(center)} m: the surface is {distances[nearest]:g} "
             "m away; move the centre to the surface, or take a larger radius"
         )
     part = connected_parts(mesh.num_points, near[:, [0, 1, 1, 2]].reshape(-1, 2).astype(np.int64))
     patch: Indices = near[part[near[:, 0]] == part[facets[nearest, 0]]]
     if not (np.linalg.norm(mesh.points[patch] - np.asarray(center), axis=-1) < radius).any():
         raise InputError(
-            f"radius = {radius:g} m about {_told(center)} m: no point of the surface lies so near; "
+            f"radius = {radius:g} m about {_text(center)} m: no point of the surface lies so near; "
             "take a larger radius or smaller cells"
         )
     return patch
 
 
-def _told(place: tuple[float, float, float]) -> str:
+def _text(place: tuple[float, float, float]) -> str:
     return f"({', '.join(f'{x:g}' for x in place)})"
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.shells import Shell, require_nested
 from palpate.meshes.tri_surface import (
@@ -21,7 +20,6 @@ from palpate.meshes.tri_surface import (
 )
 from palpate.meshes.triangles import (
     EdgeUses,
-    Integers,
     edge_uses,
     facet_parts,
     parts_by_plain_edges,
@@ -103,7 +101,7 @@ def _refuse_degenerate(surface: TriSurface) -> None:
         raise DegenerateFacetError(np.flatnonzero(flat).tolist())
 
 
-def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]:
+def _fins(surface: TriSurface, table: EdgeUses) -> tuple[Mask, int]:
     """Facets of small sheets, free at one edge and joined to two others at another; how many."""
     crowd = table.crowd
     patch = parts_by_plain_edges(table)

@@ -109,7 +109,7 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
             for spring in problem.springs
         ),
     )
-    return changed, lambda answer: answer @ matrix
+    return changed, lambda solution: solution @ matrix
 
 
 def _turned_rotation(given: Rotation | None, matrix: Matrix) -> Rotation | None:
@@ -205,7 +205,7 @@ def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
         ),
         springs=tuple(dataclasses.replace(s, facets=new[s.facets]) for s in problem.springs),
     )
-    return changed, lambda answer: answer[new]
+    return changed, lambda solution: solution[new]
 
 
 def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back]:
@@ -266,7 +266,7 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
         tools=tuple(scaled_tool(tool, scale) for tool in problem.tools),
         springs=tuple(map(spring_of, problem.springs)),
     )
-    return changed, lambda answer: answer / scale
+    return changed, lambda solution: solution / scale
 
 
 def scale_loads(problem: Problem, factor: float) -> Problem:

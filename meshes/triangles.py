@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Indices, Points
-
-Integers = NDArray[np.int64]
+from palpate.meshes.arrays import Floats, Indices, Integers, Points
 
 
 def facet_normals(corners: Points) -> Points:

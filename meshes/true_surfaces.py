@@ -10,16 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Mask, Points
 from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import EDGES, TetMesh
 from palpate.meshes.triangles import facet_normals, normals_at_points
 
 Projection = Callable[[Points], Points]
-Mask = NDArray[np.bool_]
 # A facet lies in a plane x, y or z = 0 within this fraction of the size of the body.
 _FLAT = 1e-9
 # Fraction of a facet's normal along z below which it is of a mantle (0); a cap has 1.

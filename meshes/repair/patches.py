@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Integers, Mask, Points
 from palpate.meshes.triangles import connected_parts, edge_uses, facet_parts
 
-Mask = NDArray[np.bool_]
 # An enclosed part is included if it has at most this many times the facets of the rings: the tip
 # of a fold, not the rest of an organ.
 _MOST_ENCLOSED = 4
@@ -49,7 +47,7 @@ def with_enclosed(facets: Indices, chosen: Mask) -> Mask:
     return taken
 
 
-def inner_points(facets: Indices, chosen: Mask, num_points: int) -> NDArray[np.int64]:
+def inner_points(facets: Indices, chosen: Mask, num_points: int) -> Integers:
     """Points of chosen facets only: those that may move when the patch is replaced."""
     is_inner = np.zeros(num_points, dtype=bool)
     is_inner[facets[chosen]] = True
@@ -57,7 +55,7 @@ def inner_points(facets: Indices, chosen: Mask, num_points: int) -> NDArray[np.i
     return np.flatnonzero(is_inner)
 
 
-def edges_of(facets: Indices) -> NDArray[np.int64]:
+def edges_of(facets: Indices) -> Integers:
     """Undirected edges of facets, shape (num_edges, 2), each once."""
     return edge_uses(facets).edges
 
@@ -74,9 +72,7 @@ _MOST_STEPS = 2000
 _TOLERANCE = 1e-8
 
 
-def fair_points(
-    points: Points, facets: Indices, free: NDArray[np.int64], *, order: int = 2
-) -> Points:
+def fair_points(points: Points, facets: Indices, free: Integers, *, order: int = 2) -> Points:
     """Move the free points to where the surface bends least.
 
     Args:
@@ -122,7 +118,7 @@ def fair_points(
 
 
 def _least_squares(
-    r: NDArray[np.int64], c: NDArray[np.int64], w: Floats, right: Points, size: int, start: Points
+    r: Integers, c: Integers, w: Floats, right: Points, size: int, start: Points
 ) -> Points:
     """Solution of min |A x - right|, A given by rows, columns and values."""
     if size <= _MOST_DENSE:
@@ -161,7 +157,7 @@ def _least_squares(
 SMALL = 0.05
 
 
-def part_sizes(points: Points, facets: Indices) -> tuple[NDArray[np.int64], Floats]:
+def part_sizes(points: Points, facets: Indices) -> tuple[Integers, Floats]:
     """Part of each facet, and the longest side of each part's box [m]."""
     part = facet_parts(facets)
     count = int(part.max(initial=-1)) + 1
@@ -171,11 +167,11 @@ def part_sizes(points: Points, facets: Indices) -> tuple[NDArray[np.int64], Floa
     return part, (high - low).max(axis=1, initial=0.0)
 
 
-def loose_facets(points: Points, facets: Indices, smallest: float) -> NDArray[np.bool_]:
+def loose_facets(points: Points, facets: Indices, smallest: float) -> Mask:
     """Facets of parts whose box is shorter than `smallest` [m]; the largest part is never one."""
     part, sizes = part_sizes(points, facets)
     is_small = sizes < smallest
     if len(sizes):
         is_small[np.argmax(sizes)] = False
-    found: NDArray[np.bool_] = is_small[part]
+    found: Mask = is_small[part]
     return found

@@ -9,11 +9,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Points
 from palpate.meshes.surface_checks import NEAR, find_near_duplicates
-from palpate.meshes.triangles import Integers, edge_uses, facet_normals, side_lengths
+from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths
 
 # Points on rims within this fraction of the shortest edge at either of them are merged.
 _WELD = 0.01
@@ -48,7 +47,7 @@ def rim_pairs(points: Points, facets: Indices) -> Integers:
 
 def cut_at_hanging_points(
     points: Points, facets: Indices, near: float | None = None
-) -> tuple[Indices, NDArray[np.int64], int]:
+) -> tuple[Indices, Integers, int]:
     """Cut facets whose open edge runs through points of other open edges.
 
     Args:
@@ -88,7 +87,7 @@ def cut_at_hanging_points(
     return facets, kept, count
 
 
-def _points_within(points: Points, edges: NDArray[np.int64], reach: float) -> list[list[int]]:
+def _points_within(points: Points, edges: Integers, reach: float) -> list[list[int]]:
     """For each edge the points of other edges on it, in order from its start to its end."""
     rim = np.unique(edges)
     rim = rim[np.argsort(points[rim, 0], kind="stable")]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.surface_checks import LARGEST_FIN
 from palpate.meshes.triangles import (
     connected_parts,
@@ -24,10 +24,10 @@ from palpate.meshes.triangles import (
 _GAP = 0.05
 # A closed shell has four facets at least.
 _FEWEST_FACETS = 4
-Fits = Callable[[Points, Indices, NDArray[np.bool_]], bool]
+Fits = Callable[[Points, Indices, Mask], bool]
 
 
-def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def fins_of(points: Points, facets: Indices, is_wall: Mask) -> Mask:
     """Facets of sheets that bound no solid: free at one edge, joined at another, or inner walls.
 
     Args:
@@ -115,7 +115,7 @@ def split_touching(
     return best, new, len(several), float(_GAP * edge.max())
 
 
-def _joined_corners(points: Points, facets: Indices) -> NDArray[np.int64] | None:
+def _joined_corners(points: Points, facets: Indices) -> Integers | None:
     """Pairs of corners (3 facet + k) of one point whose facets belong together across an edge."""
     uses = edge_uses(facets)
     sides = [uses.plain_pairs]
@@ -142,10 +142,10 @@ def _joined_corners(points: Points, facets: Indices) -> NDArray[np.int64] | None
 def _wedges(
     points: Points,
     facets: Indices,
-    directed: NDArray[np.int64],
-    sides: NDArray[np.int64],
-    patch: NDArray[np.int64],
-) -> NDArray[np.int64] | None:
+    directed: Integers,
+    sides: Integers,
+    patch: Integers,
+) -> Integers | None:
     """The facets around one edge, paired: those of one body, or of one wedge of the solid."""
     _, number = np.unique(patch, return_inverse=True)
     if np.all(np.bincount(number.reshape(-1)) == 2):
@@ -167,7 +167,7 @@ def _wedges(
 
 
 def _normals_and_edges(
-    points: Points, facets: Indices, chosen: NDArray[np.int64]
+    points: Points, facets: Indices, chosen: Integers
 ) -> tuple[Points, NDArray[np.float64]]:
     """Mean normals of points, and the shortest edge at each [m]."""
     total = normals_at_points(points, facets)
@@ -184,7 +184,7 @@ def _normals_and_edges(
 _FLAT = 1e-6
 
 
-def double_walls(points: Points, facets: Indices) -> NDArray[np.bool_]:
+def double_walls(points: Points, facets: Indices) -> Mask:
     """Facets to remove of two coinciding sheets: both that face each other, one that face alike.
 
     Two bodies that touch along a whole face have it twice, cut into different facets.
@@ -238,7 +238,7 @@ def double_walls(points: Points, facets: Indices) -> NDArray[np.bool_]:
     return gone
 
 
-def _rows_by_patch(patch: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _rows_by_patch(patch: Integers) -> list[Integers]:
     order = np.argsort(patch, kind="stable")
     return np.split(order, np.cumsum(np.bincount(patch))[:-1])
 

@@ -6,9 +6,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.hole_filling import close_holes
 from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
@@ -185,7 +184,7 @@ def _refuse_crowded_edges(points: Points, facets: Indices, report: RepairReport)
 
 def _merge_points(
     surface: TriSurface, near: float | None, report: RepairReport
-) -> tuple[Indices, NDArray[np.int64], NDArray[np.bool_]]:
+) -> tuple[Indices, Integers, Mask]:
     """Facets on merged points without flat ones and copies, their numbers before, and walls.
 
     A wall is a facet that is given twice, facing both ways.
@@ -219,7 +218,7 @@ def _merge_points(
     return facets[stays], np.flatnonzero(stays), both[same.reshape(-1)][stays]
 
 
-def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
+def _orient_parts(facets: Indices) -> tuple[Indices, Mask]:
     """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
     uses = edge_uses(facets)
     # Across an edge with more than two facets it is not known yet which belong together.
@@ -256,7 +255,7 @@ def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
     return out, is_turned
 
 
-def _orient_shells(surface: TriSurface) -> tuple[Indices, NDArray[np.bool_]]:
+def _orient_shells(surface: TriSurface) -> tuple[Indices, Mask]:
     """Turn closed shells to face as their nesting requires; open parts stay."""
     facets = surface.facets.copy()
     is_turned = np.zeros(len(facets), dtype=bool)
