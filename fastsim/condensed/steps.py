@@ -212,7 +212,7 @@ class CondensedSteps:
         return core, tuple(stiffnesses)
 
 
-class CondensedTool(BodyTool):
+class CondensedBodyTool(BodyTool):
     """A rigid tool of a `CondensedBody`, which reports its moment as well."""
 
     _body: CondensedBody
@@ -260,7 +260,7 @@ class CondensedBody:
         problem = model.problem
         self.model, self.points = model, model.seen
         self._steps = CondensedSteps(model)
-        self.tools = tuple(CondensedTool(self, k, tool) for k, tool in enumerate(problem.tools))
+        self.tools = tuple(CondensedBodyTool(self, k, tool) for k, tool in enumerate(problem.tools))
         self.springs = tuple(BodySpring(self, spring) for spring in problem.springs)
         place = np.full(problem.mesh.num_points, -1, dtype=np.int32)
         place[model.seen] = np.arange(len(model.seen))
