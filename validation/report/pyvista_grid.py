@@ -23,7 +23,7 @@ def to_pyvista(problem: Problem, state: State, *, step: int = -1) -> Unstructure
         import pyvista
     except ImportError as error:
         raise InputError(
-            "a grid of pyvista needs pyvista, which is not installed: pip install 'palpate[pyvista]'"
+            "pyvista is needed and not installed: pip install 'palpate[pyvista]'"
         ) from error
     displacements = state.displacements
     if not -len(displacements) <= step < len(displacements):
