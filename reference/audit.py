@@ -78,7 +78,7 @@ def audit_displacement(
     state = measure_state(discrete, u)
     scale = math.sqrt(2.0 * state.strain_energy) if state.strain_energy > 0.0 else 0.0
     force, moment = _imbalance(discrete, u, residual)
-    held = discrete.held
+    gaps = np.abs(u[discrete.fixed.dofs] - discrete.fixed.values)
     errors = _estimate_errors(discrete, u, residual, smallest_det_f, problem.mesh.volume)
     cell_errors = _cell_errors(discrete, lifted)
     if element is Element.SMOOTHED:
@@ -89,7 +89,7 @@ def audit_displacement(
         strain=discrete.strain,
         residual_norm=residual_norm,
         relative_residual_norm=residual_norm / scale if scale else math.inf,
-        support_gap=fenicsx.largest(float(np.max(np.abs(u[held.dofs] - held.values), initial=0.0))),
+        support_gap=fenicsx.largest(float(np.max(gaps, initial=0.0))),
         largest_displacement=float(np.linalg.norm(displacement, axis=1).max(initial=0.0)),
         force_imbalance=force,
         moment_imbalance=moment,
@@ -113,9 +113,9 @@ def _dual_norm(discrete: DiscreteProblem, residual: Floats) -> tuple[float, Floa
     """sqrt(r . K^-1 r) over the free entries, with the stiffness at rest."""
     rest = np.zeros(discrete.num_dofs)
     matrix = discrete.tangent(rest, 0.0)
-    held = discrete.held.dofs
+    fixed = discrete.fixed.dofs
     lifted = _solver(discrete, is_symmetric=True).solve(
-        matrix, residual, held, np.zeros(len(held)), tolerance=_SOLVE_TOLERANCE
+        matrix, residual, fixed, np.zeros(len(fixed)), tolerance=_SOLVE_TOLERANCE
     )
     free = discrete.free
     work = fenicsx.total(float(residual[free] @ lifted[free]))
@@ -128,8 +128,8 @@ def _cell_errors(discrete: DiscreteProblem, lifted: Floats) -> Floats:
     density = strain_energy_density(engineering_strain(discrete.u), *discrete.lame)
     # Four points, exact for quadratics (Hammer, Marlowe, Stroud 1956).
     a, b = (5.0 + 3.0 * math.sqrt(5.0)) / 20.0, (5.0 - math.sqrt(5.0)) / 20.0
-    places = np.array([[b, b, b], [a, b, b], [b, a, b], [b, b, a]])
-    sample = fenicsx.evaluate_in_cells(transferred.mesh, density, places)
+    positions = np.array([[b, b, b], [a, b, b], [b, a, b], [b, b, a]])
+    sample = fenicsx.evaluate_in_cells(transferred.mesh, density, positions)
     discrete.set_displacement(lifted)
     mean = np.asarray(sample()).reshape(len(transferred.cell_of_cell), -1).mean(axis=1)
     source = transferred.source
@@ -148,11 +148,11 @@ def _imbalance(discrete: DiscreteProblem, u: Floats, residual: Floats) -> tuple[
     loose = np.zeros_like(residual)
     loose[discrete.free] = residual[discrete.free]
     forces = discrete.to_global(loose).reshape(-1, 3)
-    places = discrete.space.coordinates
+    positions = discrete.space.coordinates
     if discrete.strain is Strain.GREEN:
-        places = places + discrete.to_global(u).reshape(-1, 3)
+        positions = positions + discrete.to_global(u).reshape(-1, 3)
     total = np.linalg.norm(fenicsx.total(forces.sum(axis=0)))
-    moment = np.linalg.norm(fenicsx.total(np.cross(places, forces).sum(axis=0)))
+    moment = np.linalg.norm(fenicsx.total(np.cross(positions, forces).sum(axis=0)))
     return float(total), float(moment)
 
 
@@ -160,7 +160,7 @@ def _is_stable(discrete: DiscreteProblem, u: Floats, smallest_det_f: float) -> b
     if discrete.strain is Strain.LINEAR or discrete.has_followers or not smallest_det_f > 0.0:
         return None
     solver = _solver(discrete, is_symmetric=True)
-    return solver.is_positive_definite(discrete.tangent(u, 1.0), discrete.held.dofs)
+    return solver.is_positive_definite(discrete.tangent(u, 1.0), discrete.fixed.dofs)
 
 
 def _estimate_errors(
@@ -173,12 +173,12 @@ def _estimate_errors(
     """Estimate the errors of displacement and volume by one Newton step from the displacement."""
     if discrete.strain is Strain.GREEN and not smallest_det_f > 0.0:
         return None, None
-    held = discrete.held
+    fixed = discrete.fixed
     matrix = discrete.tangent(u, 1.0)
     solver = _solver(discrete, is_symmetric=not discrete.has_followers)
     try:
         step = solver.solve(
-            matrix, residual, held.dofs, held.values - u[held.dofs], tolerance=_SOLVE_TOLERANCE
+            matrix, residual, fixed.dofs, fixed.values - u[fixed.dofs], tolerance=_SOLVE_TOLERANCE
         )
     except LinearSolveError:
         return None, None

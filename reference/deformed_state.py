@@ -81,11 +81,11 @@ def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[floa
     squared = np.linalg.eigvalsh(np.swapaxes(F, 2, 3) @ F)[..., 0]
     cell, point = np.unravel_index(int(np.argmin(squared)), squared.shape)
     corners = mesh.geometry.x[fenicsx.cell_nodes(mesh)[cell], :3]
-    place = corners[0] + points[point] @ (corners[1:] - corners[0])
+    position = corners[0] + points[point] @ (corners[1:] - corners[0])
     found = float(np.sqrt(max(squared[cell, point], 0.0)))
     least = fenicsx.smallest(found)
     # Where several ranks have the same smallest stretch, the position of the last one is taken.
-    return least, last_offered(place, found == least)
+    return least, last_offered(position, found == least)
 
 
 def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:
@@ -192,12 +192,12 @@ def support_forces(discrete: DiscreteProblem, displacement: Floats) -> Points:
     """Force of each support on the body [N], shape (num_supports, 3).
 
     It is the sum over the fixed degrees of freedom of R = internal - external - contact, so that
-    supports, loads and tools together are in balance to rounding. See `HeldDofs.shares`.
+    supports, loads and tools together are in balance to rounding. See `FixedDofs.shares`.
     """
     reactions = discrete.of_displacement(
         discrete.internal_force(displacement)
         - discrete.external_force(displacement)
         - discrete.contact_force(displacement)
     )
-    total: Points = fenicsx.total(discrete.held.shares(reactions.reshape(-1, 3)))
+    total: Points = fenicsx.total(discrete.fixed.shares(reactions.reshape(-1, 3)))
     return total

@@ -27,7 +27,7 @@ from palpate.reference.mesh_transfer import TransferredSpace, carry_field, creat
 from palpate.reference.principal_laws import StrainCoefficients, energy_by_cell, stretch_sum
 from palpate.reference.result import Formulation
 from palpate.reference.smoothed import SmoothedBody
-from palpate.reference.supports import NodeFrames, hold
+from palpate.reference.supports import NodeFrames, fixed_dofs
 
 
 class LawForms:
@@ -272,7 +272,7 @@ class DiscreteProblem(ElasticBody):
         element: See `ElasticBody`.
 
     Attributes:
-        held: Degrees of freedom that supports fix, with their prescribed values.
+        fixed: Degrees of freedom that supports fix, with their prescribed values.
         free: The other degrees of freedom of this rank.
         free_displacements: The free degrees of freedom without pressures.
         num_pressures: Number of pressure unknowns over all ranks.
@@ -296,15 +296,15 @@ class DiscreteProblem(ElasticBody):
     def _attach(self, problem: Problem, dofs: Indices | None = None) -> None:
         """Add supports, loads, springs and tools; `dofs`: the displacements among all unknowns."""
         space = self.space
-        held = hold(space, problem.supports)
-        self.held = held if dofs is None else held.renumbered(dofs)
-        self.frames = self.held.frames
-        self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
+        fixed = fixed_dofs(space, problem.supports)
+        self.fixed = fixed if dofs is None else fixed.renumbered(dofs)
+        self.frames = self.fixed.frames
+        self.free = np.setdiff1d(np.arange(self.num_dofs), self.fixed.dofs)
         own = self.free if dofs is None else dofs[: 3 * space.num_blocks]
-        self.free_displacements = np.setdiff1d(own, self.held.dofs)
+        self.free_displacements = np.setdiff1d(own, self.fixed.dofs)
         dead, followers = apply_loads(self, problem.loads)
         self.dead_force = self.from_nodal(dead)
-        self.contacts = create_contacts(problem, space, held.dofs, dofs, self.num_dofs)
+        self.contacts = create_contacts(problem, space, fixed.dofs, dofs, self.num_dofs)
         # Springs depend on the displacement too, but their tangent is symmetric.
         self.has_followers = bool(followers)
         self._followers = [*followers, *spring_forces(self, problem.springs)]

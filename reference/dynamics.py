@@ -184,7 +184,7 @@ class Motion(MovingBody):
         self._tangent = fenicsx.form(tangent)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.tools = ImplicitTools(self.problem, space, self.held, tolerance)
+        self.tools = ImplicitTools(self.problem, space, self.fixed, tolerance)
         # Multigrid converges slowly with contact, and factors can be used for many steps.
         is_direct = bool(self.tools) or 3 * space.num_global_blocks < LARGEST_FALLBACK
         self.solver: LinearSolver | LaggedFactors = (
@@ -233,8 +233,8 @@ class Motion(MovingBody):
         self.iterations += 1
         frames = self.body.frames
         matrix = self._matrix if frames is None else frames.turned(self._matrix)
-        still = np.zeros(len(self.held))
-        return self.solver.solve(matrix, rhs, self.held, still, tolerance=0.1 * self.tolerance)
+        still = np.zeros(len(self.fixed))
+        return self.solver.solve(matrix, rhs, self.fixed, still, tolerance=0.1 * self.tolerance)
 
     def _assemble(self, u: Floats, factors: tuple[float, float, float]) -> None:
         """Assemble and cache the tangent, without followers, lumped mass and tools."""
@@ -266,7 +266,7 @@ class Motion(MovingBody):
         Raises:
             StepLostError: Newton's method found no solution.
         """
-        m, held, tools = self.method, self.held, self.tools
+        m, fixed, tools = self.method, self.fixed, self.tools
         stencil = stencil_of(m, state, dt)
         factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
         new = self.at_supports(state.u + dt * state.v + 0.5 * dt**2 * state.a, time + dt)
@@ -315,7 +315,7 @@ class Motion(MovingBody):
         moved = new - state.u
         # Reactions of moving supports do work too: they are the residual at the fixed entries.
         work = float((forces.external + tools.force(new)) @ moved)
-        work -= float(left[held] @ moved[held])
+        work -= float(left[fixed] @ moved[fixed])
         lost = float(self.inertia(forces.damped) @ moved) if self.damping else 0.0
         if forces.viscous is not None:
             lost += float(forces.viscous @ moved)

@@ -260,12 +260,12 @@ def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:
     return part
 
 
-def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Floats:
+def values_at(function: Any, positions: Points, cells: np.ndarray[Any, Any]) -> Floats:
     """Values of a function at positions [m], each in a cell of this rank, shape (n, value_size)."""
     size = function.function_space.dofmap.bs
-    if len(places) == 0:
+    if len(positions) == 0:
         return np.zeros((0, size))
-    found = function.eval(places, np.asarray(cells, dtype=np.int32))
+    found = function.eval(positions, np.asarray(cells, dtype=np.int32))
     return np.asarray(found, dtype=np.float64).reshape(-1, size)
 
 

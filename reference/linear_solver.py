@@ -53,36 +53,36 @@ class PreconditionerError(LinearSolveError):
     """The preconditioner is not positive definite; the matrix may well be."""
 
 
-def hold(matrix: Any, held: Indices, x: Any, b: Any, *, is_symmetric: bool) -> None:
+def prescribe(matrix: Any, fixed: Indices, x: Any, b: Any, *, is_symmetric: bool) -> None:
     """Replace the fixed rows and columns of matrix x = b by equations for the values in x."""
     # The mean size of the diagonal preserves the condition number; 1.0 would not for E = 1e9.
     diagonal = matrix.getDiagonal()
     typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
     diagonal.destroy()
     first, _ = matrix.getOwnershipRange()
-    rows = np.asarray(held, dtype=PETSc.IntType) + first
+    rows = np.asarray(fixed, dtype=PETSc.IntType) + first
     matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
     if is_symmetric:
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
 
 def _prescribed(
-    matrix: Any, rhs: Floats, held: Indices, values: Floats, *, is_symmetric: bool
+    matrix: Any, rhs: Floats, fixed: Indices, values: Floats, *, is_symmetric: bool
 ) -> tuple[Any, Any]:
     """The vectors x and b of a system with some entries of x prescribed."""
     fenicsx.give_back_dropped()
     x, b = matrix.createVecs()
     b.array[:] = rhs
-    x.array[held] = values
-    hold(matrix, held, x, b, is_symmetric=is_symmetric)
+    x.array[fixed] = values
+    prescribe(matrix, fixed, x, b, is_symmetric=is_symmetric)
     return x, b
 
 
-def _solution(x: Any, held: Indices, values: Floats) -> Floats:
+def _solution(x: Any, fixed: Indices, values: Floats) -> Floats:
     solution: Floats = np.array(x.array)
     if not math.isfinite(fenicsx.norm(solution)):
         raise LinearSolveError("the tangent stiffness is singular")
-    solution[held] = values
+    solution[fixed] = values
     return solution
 
 
@@ -146,7 +146,7 @@ class LinearSolver:
         self,
         matrix: Any,
         rhs: Floats,
-        held: Indices,
+        fixed: Indices,
         values: Floats,
         *,
         tolerance: float,
@@ -160,7 +160,7 @@ class LinearSolver:
         Args:
             matrix: PETSc matrix.
             rhs: Right-hand side, the entries that this rank owns, shape (num_dofs,).
-            held: Prescribed entries, shape (n,).
+            fixed: Prescribed entries, shape (n,).
             values: Their values, shape (n,).
             tolerance: Relative residual at which an iterative solve stops.
             is_same_matrix: The matrix is that of the last solve: use its factors or multigrid.
@@ -169,22 +169,22 @@ class LinearSolver:
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        x, b = _prescribed(matrix, rhs, held, values, is_symmetric=self._is_symmetric)
+        x, b = _prescribed(matrix, rhs, fixed, values, is_symmetric=self._is_symmetric)
         if is_same_matrix:
             tried = [True]
         else:
             tried = [True, False] if is_near and not self._is_direct else [False]
-        return self._solve_held(matrix, b, x, held, values, tried, tolerance)
+        return self._solve_prescribed(matrix, b, x, fixed, values, tried, tolerance)
 
     def solve_once_more(
-        self, matrix: Any, rhs: Floats, held: Indices, *, tolerance: float
+        self, matrix: Any, rhs: Floats, fixed: Indices, *, tolerance: float
     ) -> Floats:
         """Return du for another right-hand side, with du = 0 at the fixed entries.
 
         Args:
             matrix: The matrix as the last `solve` left it.
             rhs: See `solve`.
-            held: The same entries as in the last `solve`.
+            fixed: The same entries as in the last `solve`.
             tolerance: See `solve`.
 
         Raises:
@@ -192,15 +192,15 @@ class LinearSolver:
         """
         x, b = matrix.createVecs()
         b.array[:] = rhs
-        b.array[held] = 0.0
-        return self._solve_held(matrix, b, x, held, np.zeros(len(held)), [True], tolerance)
+        b.array[fixed] = 0.0
+        return self._solve_prescribed(matrix, b, x, fixed, np.zeros(len(fixed)), [True], tolerance)
 
-    def _solve_held(
+    def _solve_prescribed(
         self,
         matrix: Any,
         b: Any,
         x: Any,
-        held: Indices,
+        fixed: Indices,
         values: Floats,
         tried: Sequence[bool],
         tolerance: float,
@@ -209,7 +209,7 @@ class LinearSolver:
         try:
             for is_prepared in tried:
                 if not (is_prepared or self._is_direct):
-                    self._attach_rigid_modes(matrix, held)
+                    self._attach_rigid_modes(matrix, fixed)
                 self._ksp.setOperators(matrix)
                 self._ksp.getPC().setReusePreconditioner(is_prepared)
                 self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
@@ -220,7 +220,7 @@ class LinearSolver:
                     continue
             else:
                 self._factor_instead(matrix, b, x)
-            return _solution(x, held, values)
+            return _solution(x, fixed, values)
         finally:
             self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
@@ -230,7 +230,7 @@ class LinearSolver:
         """Free factors or multigrid levels at once."""
         self._ksp.destroy()
 
-    def is_positive_definite(self, matrix: Any, held: Indices) -> bool:
+    def is_positive_definite(self, matrix: Any, fixed: Indices) -> bool:
         """Whether a symmetric matrix is positive definite on its free entries.
 
         A small matrix is tested by the signs of its pivots, a large one by whether conjugate
@@ -238,11 +238,11 @@ class LinearSolver:
         """
         x, b = matrix.createVecs()
         b.array[:] = np.random.default_rng(fenicsx.COMM.rank).standard_normal(b.local_size)
-        b.array[held] = 0.0
-        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
+        b.array[fixed] = 0.0
+        prescribe(matrix, fixed, x, b, is_symmetric=self._is_symmetric)
         try:
             if not self._is_direct:
-                self._attach_rigid_modes(matrix, held)
+                self._attach_rigid_modes(matrix, fixed)
             self._ksp.setOperators(matrix)
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
@@ -330,19 +330,19 @@ class LinearSolver:
         ksp.setFromOptions()
         return ksp
 
-    def _attach_rigid_modes(self, matrix: Any, held: Indices) -> None:
+    def _attach_rigid_modes(self, matrix: Any, fixed: Indices) -> None:
         extent = fenicsx.largest(float(np.max(np.abs(self._centred), initial=0.0)))
         modes = np.zeros((6, len(self._centred), 3))
         for axis in range(3):
             modes[axis, :, axis] = 1.0
             modes[3 + axis] = np.cross(np.eye(3)[axis], self._centred / extent)
         flat = np.array([self._to_local(mode) for mode in modes.reshape(6, -1)])
-        flat[:, held] = 0.0
+        flat[:, fixed] = 0.0
         # Orthonormalise by the Gram matrix, summed over the ranks; drop modes that are zero.
         sizes, directions = np.linalg.eigh(fenicsx.total(flat @ flat.T))
-        kept = sizes > 1e-10 * max(float(sizes[-1]), 1e-300)
+        is_independent = sizes > 1e-10 * max(float(sizes[-1]), 1e-300)
         vectors = []
-        for mode in (directions[:, kept] / np.sqrt(sizes[kept])).T @ flat:
+        for mode in (directions[:, is_independent] / np.sqrt(sizes[is_independent])).T @ flat:
             vector = matrix.createVecRight()
             vector.array[:] = mode
             vectors.append(vector)
@@ -394,27 +394,27 @@ class LaggedFactors:
         self._is_old = True
 
     def solve(
-        self, matrix: Any, rhs: Floats, held: Indices, values: Floats, *, tolerance: float
+        self, matrix: Any, rhs: Floats, fixed: Indices, values: Floats, *, tolerance: float
     ) -> Floats:
-        """Return du with matrix du = rhs on the free entries and du = values on the held ones.
+        """Return du with matrix du = rhs on the free entries and du = values on the fixed ones.
 
-        Overwrites the held rows and columns of the matrix.
+        Overwrites the fixed rows and columns of the matrix.
 
         Args:
             matrix: PETSc matrix, of the same size and pattern each time.
             rhs: Right-hand side, the entries this rank owns, shape (num_dofs,).
-            held: Prescribed entries, shape (n,).
+            fixed: Prescribed entries, shape (n,).
             values: Their values, shape (n,).
             tolerance: Relative residual at which to stop; 1e-4 where that is less.
 
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        x, b = _prescribed(matrix, rhs, held, values, is_symmetric=self._is_symmetric)
+        x, b = _prescribed(matrix, rhs, fixed, values, is_symmetric=self._is_symmetric)
         self._ksp.setTolerances(rtol=max(tolerance, _ROUGH))
         try:
             self._run(matrix, b, x)
-            return _solution(x, held, values)
+            return _solution(x, fixed, values)
         finally:
             x.destroy()
             b.destroy()

@@ -193,8 +193,8 @@ class TransferredSpace:
     @property
     def coordinates(self) -> Points:
         """Rest positions of the nodes that this rank owns [m], shape (num_blocks, 3)."""
-        places: Points = self.space.tabulate_dof_coordinates()[: self.num_blocks]
-        return places
+        positions: Points = self.space.tabulate_dof_coordinates()[: self.num_blocks]
+        return positions
 
     def owned_dofs(self, points: Indices) -> Indices:
         """Blocked dofs of those among some points that this rank owns."""
@@ -280,12 +280,12 @@ def carry_field(
     of_cells = cells[target.transferred.cell_of_cell]
     cell_of_dof[fenicsx.cell_dofs(target.space)] = of_cells[:, None]
     asked = cell_of_dof[: target.num_blocks]
-    holder = here.rank_of_cell[asked]
-    order = np.argsort(holder, kind="stable")
-    parts = np.split(order, np.searchsorted(holder[order], np.arange(1, fenicsx.COMM.size)))
-    places = target.coordinates
-    questions = exchange([(places[part], asked[part]) for part in parts])
-    answers = [fenicsx.values_at(field, x, number[of]) for x, of in questions]
+    owner = here.rank_of_cell[asked]
+    order = np.argsort(owner, kind="stable")
+    parts = np.split(order, np.searchsorted(owner[order], np.arange(1, fenicsx.COMM.size)))
+    positions = target.coordinates
+    requests = exchange([(positions[part], asked[part]) for part in parts])
+    replies = [fenicsx.values_at(field, x, number[of]) for x, of in requests]
     values: Floats = np.empty((target.num_blocks, target.space.dofmap.bs))
-    values[order] = np.concatenate(exchange(answers))
+    values[order] = np.concatenate(exchange(replies))
     return values.ravel()

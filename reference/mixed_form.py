@@ -125,10 +125,10 @@ class MixedProblem(DiscreteProblem):
         other.set_displacement(values)
         both = np.zeros(self.num_dofs)
         own_pressures = self._pressure_dofs[: self._pressures.num_blocks]
-        places = (self._own_dofs, own_pressures)
+        own = (self._own_dofs, own_pressures)
         spaces = ((other.space, self.space), (other._pressures, self._pressures))
         given = (other._dofs, other._pressure_dofs)
-        for taken, dofs, (source, target) in zip(given, places, spaces, strict=True):
+        for taken, dofs, (source, target) in zip(given, own, spaces, strict=True):
             part = fenicsx.part_of(other._unknown, source.space, taken)
             both[dofs] = carry_field(source, part, target, cells)
         # The unknown is p h / mu.

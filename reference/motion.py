@@ -33,7 +33,7 @@ from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.schemes import Stencil
 from palpate.reference.smoothed import Smoothing
-from palpate.reference.supports import hold
+from palpate.reference.supports import fixed_dofs
 
 Amplitude: TypeAlias = Callable[[float], float]
 Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
@@ -56,7 +56,7 @@ class MovingBody:
         is_viscous_by_change: Take viscous forces by changes of strain per step; see `Viscosity`.
 
     Attributes:
-        held: Degrees of freedom that supports fix.
+        fixed: Degrees of freedom that supports fix.
         free: The other degrees of freedom of this rank.
         damping: Mass damping lambda [1/s].
         row_sums: Row sums of the mass [kg], flat; None for the consistent mass.
@@ -89,9 +89,9 @@ class MovingBody:
         self._followers: list[tuple[Amplitude, FollowerLoad]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
         factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
-        self._supports = hold(space, problem.supports)
-        self.held: Indices = self._supports.dofs
-        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.held)
+        self._supports = fixed_dofs(space, problem.supports)
+        self.fixed: Indices = self._supports.dofs
+        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.fixed)
         body.frames = self._supports.frames
         for load, factor in zip(problem.loads, factors, strict=True):
             dead, followers = apply_loads(body, [load])
@@ -135,7 +135,7 @@ class MovingBody:
         v = self._flat(velocity)
         if velocity is None and self.problem.initial_velocity is not None:
             v = self._flat(self.problem.initial_velocity.at)
-            v[self.held] = 0.0
+            v[self.fixed] = 0.0
         return self.at_supports(self._flat(displacement), 0.0), v
 
     def _flat(self, given: Field) -> Floats:
@@ -228,7 +228,7 @@ class MovingBody:
     def at_supports(self, displacement: Floats, time: float) -> Floats:
         """The displacement with its fixed components set to their values at a time [m]."""
         moved = displacement.copy()
-        moved[self.held] = self._supports.at([factor(time) for factor in self._support_factors])
+        moved[self.fixed] = self._supports.at([factor(time) for factor in self._support_factors])
         return moved
 
     def is_sound(self, displacement: Floats) -> bool:

@@ -134,13 +134,13 @@ class Newton:
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        held = self._discrete.held.dofs
+        fixed = self._discrete.fixed.dofs
         if self._again is not None and self._again[0].stateGet() == self._again[1]:
-            return self._linear.solve_once_more(self._again[0], rhs, held, tolerance=tolerance)
+            return self._linear.solve_once_more(self._again[0], rhs, fixed, tolerance=tolerance)
         matrix = self._discrete.tangent(displacement, 1.0)
-        nothing = np.zeros(len(held))
+        nothing = np.zeros(len(fixed))
         found = self._linear.solve(
-            matrix, rhs, held, nothing, tolerance=tolerance, is_same_matrix=True
+            matrix, rhs, fixed, nothing, tolerance=tolerance, is_same_matrix=True
         )
         self._again = matrix, matrix.stateGet()
         return found
@@ -150,10 +150,10 @@ class Newton:
         eq = self._discrete
         external = eq.external_force(displacement) + eq.contact_force(displacement)
         residual = eq.internal_force(displacement) - external
-        gap = eq.held.values - displacement[eq.held.dofs]
+        gap = eq.fixed.values - displacement[eq.fixed.dofs]
         matrix = eq.tangent(displacement, 1.0)
         try:
-            found = self._linear.solve(matrix, -residual, eq.held.dofs, gap, tolerance=1e-3)
+            found = self._linear.solve(matrix, -residual, eq.fixed.dofs, gap, tolerance=1e-3)
         except LinearSolveError:
             return None
         self._is_prepared = True
@@ -173,11 +173,11 @@ class Newton:
             return True
         matrix = eq.tangent(displacement, load_factor)
         if not eq.has_followers:
-            return self._linear.is_positive_definite(matrix, eq.held.dofs)
+            return self._linear.is_positive_definite(matrix, eq.fixed.dofs)
         part = symmetric_part(matrix)
         solver = self._solver(is_symmetric=True)
         try:
-            return solver.is_positive_definite(part, eq.held.dofs)
+            return solver.is_positive_definite(part, eq.fixed.dofs)
         finally:
             solver.destroy()
             part.destroy()
@@ -205,8 +205,8 @@ class Newton:
             least_tolerance: Smallest tolerance; replaces a smaller relative tolerance.
         """
         eq, enough = self._discrete, max(self.relative_tolerance, least_tolerance)
-        held, free = eq.held.dofs, eq.free
-        target = eq.held.at(load_factor)
+        fixed, free = eq.fixed.dofs, eq.free
+        target = eq.fixed.at(load_factor)
         u = start.copy()
         det_f = self._sampler.smallest(u)
         rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf
@@ -223,7 +223,7 @@ class Newton:
             relative = norm / scale if scale > 0.0 else 0.0
             if report:
                 report(iteration, relative, det_f)
-            is_at_supports = fenicsx.total(int(np.sum(u[held] != target))) == 0
+            is_at_supports = fenicsx.total(int(np.sum(u[fixed] != target))) == 0
             is_stalled = norm > 0.5 * last_norm and norm <= rounding
             last_norm = norm
             if is_at_supports and (norm <= enough * scale or is_stalled):
@@ -242,7 +242,7 @@ class Newton:
             tolerance = max(min(1e-3, relative), 0.1 * enough / max(relative, 1e-300))
             try:
                 du = self._linear.solve(
-                    matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3),
+                    matrix, -residual, fixed, target - u[fixed], tolerance=min(tolerance, 1e-3),
                     is_same_matrix=self._is_constant and self._is_prepared,
                     is_near=is_near,
                 )  # fmt: skip
@@ -257,7 +257,7 @@ class Newton:
                 return Outcome(u, relative, iteration + 1, "a cell would invert")
             u = u + length * du
             if length == 1.0:
-                u[held] = target
+                u[fixed] = target
             if iteration <= 1:
                 first = max(first, norm)
                 best = math.inf

@@ -34,7 +34,7 @@ from palpate.reference.errors import (
 )
 
 # Environment variables in which Open MPI and MPICH pass a process its rank and their number.
-_PLACES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
+_VARIABLES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
 _TAG = 1
 _POLL = 0.005  # [s]
 # Rank 0 reports a time limit; where it cannot, because it waits inside a library for another rank,
@@ -51,8 +51,8 @@ Task: TypeAlias = Callable[[Problem, Say], Any]
 _is_under_way = False
 
 
-def _place() -> tuple[int, int]:
-    for size, rank in _PLACES:
+def _size_and_rank() -> tuple[int, int]:
+    for size, rank in _VARIABLES:
         if size in os.environ and rank in os.environ:
             return int(os.environ[size]), int(os.environ[rank])
     return 1, 0
@@ -60,12 +60,12 @@ def _place() -> tuple[int, int]:
 
 def num_ranks() -> int:
     """Number of processes that mpirun started; 1 without mpirun."""
-    return _place()[0]
+    return _size_and_rank()[0]
 
 
 def is_follower() -> bool:
     """Whether this process only does its part of the solves of rank 0."""
-    return _place()[1] > 0
+    return _size_and_rank()[1] > 0
 
 
 def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Say) -> Any:
@@ -115,7 +115,7 @@ def follow() -> int:
     except (ReferenceFailedError, ImportError) as error:
         # Rank 0 has the same error and reports it. Otherwise it would wait for this rank.
         time.sleep(_GRACE)
-        print(f"palpate: rank {_place()[1]}: {error}", file=sys.stderr, flush=True)
+        print(f"palpate: rank {_size_and_rank()[1]}: {error}", file=sys.stderr, flush=True)
         return 2
     try:
         while True:
@@ -195,9 +195,9 @@ def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any
         _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
     if worst[0] == 0:
         return answer, None
-    told = comm.gather(None if error is None else f"rank {comm.rank}: {error}")
-    if error is None and told is not None:
-        error = ReferenceCrashedError(int(worst[0]), next(line for line in told if line))
+    reports = comm.gather(None if error is None else f"rank {comm.rank}: {error}")
+    if error is None and reports is not None:
+        error = ReferenceCrashedError(int(worst[0]), next(line for line in reports if line))
     return None, error
 
 

@@ -266,7 +266,7 @@ def _follow(
     discrete: DiscreteProblem, sampler: DetFSampler, newton: Newton, tell: Progress
 ) -> Outcome:
     """Apply the loads with the tools where they begin; then move the tools as they are driven."""
-    given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
+    given = fenicsx.norm(discrete.fixed.values) + fenicsx.norm(discrete.dead_force)
     if given > 0.0 or discrete.has_follower_forces or not discrete.contacts:
         path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)
         if path.reason or not discrete.contacts:

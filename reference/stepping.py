@@ -124,7 +124,7 @@ def simulate_by(
     state = run.begin(displacement, velocity, integrator, dt)
     tools: SteppedTools | None = None
     if is_central:
-        tools = SteppedTools(problem, body.space, run.held, run.mobility(dt))
+        tools = SteppedTools(problem, body.space, run.fixed, run.mobility(dt))
         tools.require_outside(state.u)
     states, felt = [state], [] if tools is None else [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
@@ -226,10 +226,10 @@ class SteppedBody(MovingBody):
     ) -> State:
         """The state at time 0; for central differences with the state a step before (eq. 13)."""
         u, v = self.start(displacement, velocity)
-        v[self.held] = 0.0
+        v[self.fixed] = 0.0
         is_central = integrator is Integrator.CENTRAL_DIFFERENCES
         a = self.force(u, u - dt * v if is_central else v, 0.0) / self.mass - self.damping * v
-        a[self.held] = 0.0
+        a[self.fixed] = 0.0
         # Eq. 13; no other scheme starts from two states.
         before = State(u - dt * v + 0.5 * dt**2 * a, v, a)
         return State(u, v, a, before if is_central else None)
@@ -240,7 +240,7 @@ class SteppedBody(MovingBody):
             1.0 + self.damping * dt
         )
         u = self.at_supports(state.u + dt * v, time + dt)
-        v[self.held] = (u[self.held] - state.u[self.held]) / dt
+        v[self.fixed] = (u[self.fixed] - state.u[self.fixed]) / dt
         return State(u, v, (v - state.v) / dt)
 
     def solve(self, stencil: Stencil, time: float) -> State:
@@ -253,12 +253,12 @@ class SteppedBody(MovingBody):
         Raises:
             StepLostError: Newton's method found no solution.
         """
-        dt, free, held = stencil.time_step, self.free, self.held
+        dt, free, fixed = stencil.time_step, self.free, self.fixed
         u = self.at_supports(stencil.state.u + dt * stencil.state.v, time + dt)
         if not self.is_sound(stencil.middle(u)):
             u = self.at_supports(stencil.state.u, time + dt)
         residual, scale = self._residual(stencil, u, time)
-        rounding, last, still = 0.0, math.inf, np.zeros(len(held))
+        rounding, last, still = 0.0, math.inf, np.zeros(len(fixed))
         for _ in range(_MAX_ITERATIONS):
             norm = fenicsx.norm(residual[free])
             if not math.isfinite(norm):
@@ -284,12 +284,12 @@ class SteppedBody(MovingBody):
         self, stencil: Stencil, u: Floats, time: float, residual: Floats, still: Floats
     ) -> Floats:
         self.iterations += 1
-        body, held = self.body, self.held
+        body, fixed = self.body, self.fixed
         form, matrix, solver = self._system
         factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
         if self._last is not None and self.is_linear and self._last[0] == factors:
             matrix = self._last[1]
-            return solver.solve(matrix, residual, held, still, tolerance=1e-4, is_same_matrix=True)
+            return solver.solve(matrix, residual, fixed, still, tolerance=1e-4, is_same_matrix=True)
         body.set_displacement(stencil.middle(u))
         matrix.zeroEntries()
         fenicsx.assemble_into_matrix(matrix, form)
@@ -306,7 +306,7 @@ class SteppedBody(MovingBody):
         diagonal.destroy()
         self._last = factors, matrix
         self._matrix_norm = float(matrix.norm())
-        return solver.solve(matrix, residual, held, still, tolerance=1e-4)
+        return solver.solve(matrix, residual, fixed, still, tolerance=1e-4)
 
     def _along(
         self, stencil: Stencil, u: Floats, du: Floats, time: float, residual: Floats

@@ -56,9 +56,9 @@ class NodeFrames:
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
         columns = np.repeat(np.arange(first, last, dtype=PETSc.IntType), counts)
         entries = np.ones(starts[-1])
-        places = starts[self.dofs][:, :, None] + np.arange(3)
-        columns[places] = self.dofs[:, None, :] + first
-        entries[places] = self.axes.transpose(0, 2, 1)
+        positions = starts[self.dofs][:, :, None] + np.arange(3)
+        columns[positions] = self.dofs[:, None, :] + first
+        entries[positions] = self.axes.transpose(0, 2, 1)
         back = PETSc.Mat().createAIJ(
             matrix.getSizes(),
             bsize=matrix.getBlockSizes(),
@@ -76,7 +76,7 @@ class NodeFrames:
         return turned
 
 
-class HeldDofs:
+class FixedDofs:
     """The fixed degrees of freedom and their prescribed values.
 
     Args:
@@ -101,18 +101,18 @@ class HeldDofs:
                 for axis in np.flatnonzero(support.components):
                     self._owner[nodes, axis] = number
         self._slanted = self._find_slanted()
-        is_held = self._owner >= 0
+        is_fixed = self._owner >= 0
         self.frames: NodeFrames | None = None
         # All ranks have frames, or none has.
         if any(support.normal is not None for support in supports):
             nodes = np.array([node.block for node in self._slanted], dtype=np.int32)
             for node in self._slanted:
                 self._owner[node.block] = -1
-                is_held[node.block] = np.arange(3) < len(node.values)
+                is_fixed[node.block] = np.arange(3) < len(node.values)
             axes = np.array([node.axes for node in self._slanted]).reshape(-1, 3, 3)
             self.frames = NodeFrames(3 * nodes[:, None] + np.arange(3, dtype=np.int32), axes)
-        self._places: Indices = np.flatnonzero(is_held).astype(np.int32)
-        self.dofs: Indices = self._places
+        self._entries: Indices = np.flatnonzero(is_fixed).astype(np.int32)
+        self.dofs: Indices = self._entries
 
     @cached_property
     def values(self) -> Floats:  # noqa: D102  (an attribute above)
@@ -120,15 +120,15 @@ class HeldDofs:
 
     def at(self, factors: float | Sequence[float]) -> Floats:
         """Displacement of each for a factor on all supports, or for one factor for each [m]."""
-        return self._everywhere(factors)[self._places]
+        return self._everywhere(factors)[self._entries]
 
-    def renumbered(self, new: Indices) -> HeldDofs:
+    def renumbered(self, new: Indices) -> FixedDofs:
         """A copy with degrees of freedom renumbered; `new` is the number of each old one."""
         other = copy.copy(self)
         other.__dict__.pop("values", None)
-        order = np.argsort(new[self._places])
-        other._places = self._places[order]
-        other.dofs = new[other._places]
+        order = np.argsort(new[self._entries])
+        other._entries = self._entries[order]
+        other.dofs = new[other._entries]
         if self.frames is not None:
             other.frames = NodeFrames(new[self.frames.dofs], self.frames.axes)
         return other
@@ -148,30 +148,30 @@ class HeldDofs:
             left[node.block] = 0.0
         for number, (support, nodes) in enumerate(zip(self._supports, self._blocks, strict=True)):
             if support.normal is None:
-                held = left[nodes] * np.array(support.components)
-                forces[number] += held.sum(axis=0)
-                left[nodes] -= held
+                fixed = left[nodes] * np.array(support.components)
+                forces[number] += fixed.sum(axis=0)
+                left[nodes] -= fixed
         return forces
 
     def _everywhere(self, factors: float | Sequence[float]) -> Floats:
         """Flat, 0 where free."""
         each = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(self._supports))
-        held = np.zeros_like(self._coordinates)
+        fixed = np.zeros_like(self._coordinates)
         for number, support in enumerate(self._supports):
             mine = self._owner == number
             nodes = np.flatnonzero(mine.any(axis=1))
-            moved = _placed(support, self._coordinates[nodes], float(each[number]))
-            held[mine] = moved[mine[nodes]]
+            moved = _displaced(support, self._coordinates[nodes], float(each[number]))
+            fixed[mine] = moved[mine[nodes]]
         for node in self._slanted:
-            held[node.block, : len(node.values)] = node.values @ self._asked(node, each)
-        return held.ravel()
+            fixed[node.block, : len(node.values)] = node.values @ self._asked(node, each)
+        return fixed.ravel()
 
     def _asked(self, node: _SlantedNode, factors: Floats) -> Floats:
         """Prescribed displacements of the supports along their directions [m]."""
-        place = self._coordinates[node.block][None]
+        position = self._coordinates[node.block][None]
         return np.array(
             [
-                float(direction @ _placed(self._supports[s], place, float(factors[s]))[0])
+                float(direction @ _displaced(self._supports[s], position, float(factors[s]))[0])
                 for s, direction in zip(node.supports, node.directions, strict=True)
             ]
         )
@@ -183,13 +183,13 @@ class HeldDofs:
                 for node in nodes.tolist():
                     slanting.setdefault(node, []).append((number, support.directions[0]))
         found = []
-        for block, held in sorted(slanting.items()):
+        for block, slanted in sorted(slanting.items()):
             by_axis = [
                 (int(self._owner[block, axis]), np.eye(3)[axis])
                 for axis in range(3)
                 if self._owner[block, axis] >= 0
             ]
-            together = by_axis + held
+            together = by_axis + slanted
             supports = np.array([number for number, _ in together])
             # The planes' normals span the first right singular vectors.
             rows = np.array([direction for _, direction in together])
@@ -209,7 +209,7 @@ class _SlantedNode:
     values: Floats  # from displacements along the directions to fixed components, (rank, n)
 
 
-def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
+def fixed_dofs(space: TransferredSpace, supports: Sequence[Support]) -> FixedDofs:
     """Turn supports into fixed degrees of freedom.
 
     A facet fixes all nodes on its closure: in a quadratic space those on its edges too.
@@ -224,7 +224,7 @@ def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
         if displacement.shape != (3,) or not np.isfinite(displacement).all():
             raise InputError(f"{what}: displacement {support.displacement} needs 3 finite values")
         blocks.append(_blocks(space, support, what))
-    return HeldDofs(space.coordinates, tuple(supports), blocks)
+    return FixedDofs(space.coordinates, tuple(supports), blocks)
 
 
 def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
@@ -234,15 +234,15 @@ def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
     return np.union1d(space.owned_dofs(support.points), owned[owned < space.num_blocks])
 
 
-def _placed(support: Support, places: Points, factor: float) -> Points:
+def _displaced(support: Support, positions: Points, factor: float) -> Points:
     """Displacements that a support prescribes at rest positions, times a factor [m], (n, 3)."""
     displacement = np.asarray(support.displacement, dtype=np.float64)
-    moved: Points = np.tile(factor * displacement, (len(places), 1))
+    moved: Points = np.tile(factor * displacement, (len(positions), 1))
     if support.rotation is not None:
         # exp([theta]_x) by the half angle's quaternion (w, v): R r - r = 2 v x (v x r + w r).
         half = 0.5 * factor * support.rotation.angle
         axis = np.asarray(support.rotation.axis)
         v, w = np.sin(half) * axis / np.linalg.norm(axis), np.cos(half)
-        r = places - np.asarray(support.rotation.center)
+        r = positions - np.asarray(support.rotation.center)
         moved += 2.0 * np.cross(v, np.cross(v, r) + w * r)
     return moved

@@ -79,8 +79,8 @@ class History:
         rows = list(series) or [()] * len(self._goals)
         is_singular = has_point_forces(problem, state)
         names = [goal.called for goal in self._goals]
-        told = zip(names, rows, zip(*self.estimates, strict=True), strict=True)
-        bars = error_bars({name: (row, estimates) for name, row, estimates in told})
+        reported = zip(names, rows, zip(*self.estimates, strict=True), strict=True)
+        bars = error_bars({name: (row, estimates) for name, row, estimates in reported})
         self.bars.append(
             [
                 bars[goal.called]

@@ -386,7 +386,7 @@ def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
     for key in keys:
         discrete.set_displacement(found.displacement)
         gradient = _gradient(solved, key)
-        gradient[discrete.held.dofs] = 0.0
+        gradient[discrete.fixed.dofs] = 0.0
         try:
             dual = found.newton.solve_again(found.displacement, gradient, tolerance=_DUAL_TOLERANCE)
         except LinearSolveError:

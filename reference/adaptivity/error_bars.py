@@ -149,8 +149,8 @@ def error_bar(
 
 def _estimates_settle(differences: Sequence[float], estimates: Sequence[float]) -> bool:
     """Whether the estimates on three or more meshes show a rate, where their differences do not."""
-    is_told = len(differences) >= 2 and bool(np.isfinite([*differences, *estimates]).all())
-    return is_told and estimates[-1] <= LARGEST_RATIO * estimates[-2]
+    is_known = len(differences) >= 2 and bool(np.isfinite([*differences, *estimates]).all())
+    return is_known and estimates[-1] <= LARGEST_RATIO * estimates[-2]
 
 
 def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:

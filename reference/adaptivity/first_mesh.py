@@ -63,8 +63,8 @@ def _too_coarse(problem: Problem, moved: Points) -> NDArray[np.bool_]:
     """Cells with a facet that is too large for a tool or a spring there."""
     mesh = problem.mesh
     facets = mesh.boundary_facets
-    places = (mesh.points + moved)[facets]
-    seen = np.hstack([places, 0.5 * (places + np.roll(places, 1, axis=1))])
+    corners = (mesh.points + moved)[facets]
+    seen = np.hstack([corners, 0.5 * (corners + np.roll(corners, 1, axis=1))])
     allowed = np.full(len(facets), math.inf)
     for tool in problem.tools:
         radius = _radius(tool.shape)
@@ -75,9 +75,9 @@ def _too_coarse(problem: Problem, moved: Points) -> NDArray[np.bool_]:
         is_near = gaps.min(axis=1) < _NEAR * radius
         allowed[is_near] = np.minimum(allowed[is_near], _COARSEST * radius)
     for spring in problem.springs:
-        held = spring.facets[spring.weights(mesh.points[spring.facets]).any(axis=1)]
-        is_held = _rows_in(facets, held)
-        allowed[is_held] = np.minimum(allowed[is_held], _COARSEST * spring.radius)
+        attached = spring.facets[spring.weights(mesh.points[spring.facets]).any(axis=1)]
+        is_attached = _rows_in(facets, attached)
+        allowed[is_attached] = np.minimum(allowed[is_attached], _COARSEST * spring.radius)
     coarse = facets[_circles(mesh.points[facets]) > allowed]
     own = mesh.cells[:, CELL_FACETS].reshape(-1, 3)
     found: NDArray[np.bool_] = _rows_in(own, coarse).reshape(-1, 4).any(axis=1)

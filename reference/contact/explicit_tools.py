@@ -36,7 +36,7 @@ class SteppedTools:
     Args:
         problem: The problem with its tools.
         space: Displacement space of degree 1.
-        held: Degrees of freedom that are fixed, shape (n,).
+        fixed: Degrees of freedom that are fixed, shape (n,).
         mobility: W above, for every degree of freedom [m/N], flat.
 
     Raises:
@@ -44,11 +44,11 @@ class SteppedTools:
     """
 
     def __init__(
-        self, problem: Problem, space: TransferredSpace, held: Indices, mobility: Floats
+        self, problem: Problem, space: TransferredSpace, fixed: Indices, mobility: Floats
     ) -> None:
         loose = mobility.copy()
-        loose[held] = 0.0
-        self._tools = [_SteppedTool(tool, space, held, loose) for tool in problem.tools]
+        loose[fixed] = 0.0
+        self._tools = [_SteppedTool(tool, space, fixed, loose) for tool in problem.tools]
         self._steps = 0
 
     def require_outside(self, displacement: Floats) -> None:
@@ -90,7 +90,7 @@ class SteppedTools:
 
 class _SteppedTool:
     def __init__(
-        self, tool: RigidTool, space: TransferredSpace, held: Indices, mobility: Floats
+        self, tool: RigidTool, space: TransferredSpace, fixed: Indices, mobility: Floats
     ) -> None:
         if tool.drive is not None:
             raise InputError(
@@ -100,7 +100,7 @@ class _SteppedTool:
             )
         self._tool = tool
         self._is_rough = tool.friction_coefficient > 0.0
-        self._points = find_contact_points(space, tool.contact_facets, held)
+        self._points = find_contact_points(space, tool.contact_facets, fixed)
         self._mobility = mobility.reshape(-1, 3)[self._points.nodes]
         self._is_free = np.ptp(self._mobility, axis=1) <= 1e-12 * self._mobility.max(axis=1)
         self._came_from: Points | None = None
@@ -110,23 +110,23 @@ class _SteppedTool:
         """Store the positions of nodes near a box, from which the next step may enter it."""
         if isinstance(self._tool.shape, BoxShape):
             position, rotation = self._tool.path.pose_at(time)
-            local = (self._points.places(displacement) - position) @ rotation
+            local = (self._points.positions(displacement) - position) @ rotation
             half_widths = np.asarray(self._tool.shape.half_widths)
             self._came_from = seen_at(local, half_widths, self._came_from)
 
     def gaps(self, displacement: Floats, time: float) -> Points:
         position, rotation = self._tool.path.pose_at(time)
-        places = self._points.places(displacement)
-        return tool_distance(self._tool.shape, position, rotation, places).gap
+        positions = self._points.positions(displacement)
+        return tool_distance(self._tool.shape, position, rotation, positions).gap
 
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
         position, rotation = self._tool.path.pose_at(time)
-        places = self._points.places(ahead)
-        forces, normals = np.zeros_like(places), np.zeros_like(places)
-        rows = np.arange(len(places))
+        positions = self._points.positions(ahead)
+        forces, normals = np.zeros_like(positions), np.zeros_like(positions)
+        rows = np.arange(len(positions))
         for _ in range(_MOST_CORRECTIONS):
             before = None if self._came_from is None else self._came_from[rows]
-            at = tool_distance(self._tool.shape, position, rotation, places[rows], before)
+            at = tool_distance(self._tool.shape, position, rotation, positions[rows], before)
             give = np.einsum("ni,ni,ni->n", self._mobility[rows], at.normal, at.normal)
             is_pushed = (at.gap < 0.0) & (give > 0.0)
             rows, give = rows[is_pushed], give[is_pushed]
@@ -137,22 +137,22 @@ class _SteppedTool:
             normals[rows[is_first]] = normal[is_first]
             push = (-at.gap[is_pushed] / give)[:, None] * normal
             forces[rows] += push
-            places[rows] += self._mobility[rows] * push
+            positions[rows] += self._mobility[rows] * push
             rows = rows[~self._is_free[rows]]
         if self._is_rough:
-            drag = self._drag(self._points.places(now), places, forces, normals, time, dt)
+            drag = self._drag(self._points.positions(now), positions, forces, normals, time, dt)
             forces += drag
-            places += self._mobility * drag
+            positions += self._mobility * drag
         self.sum_of_forces -= forces.sum(axis=0)
         out = ahead.reshape(-1, 3).copy()
-        out[self._points.nodes] = places - self._points.rest
+        out[self._points.nodes] = positions - self._points.rest
         flat: Floats = out.ravel()
         return flat
 
     def _drag(
         self,
         before: Points,
-        places: Points,
+        positions: Points,
         pushes: Points,
         normals: Points,
         time: float,
@@ -162,7 +162,7 @@ class _SteppedTool:
 
         Args:
             before: Positions at the start of the step [m], shape (n, 3).
-            places: Positions after the contact forces [m], shape (n, 3).
+            positions: Positions after the contact forces [m], shape (n, 3).
             pushes: Contact forces by the tool [N]; without one there is no friction.
             normals: Normals of the tool in contact [-], else 0.
             time: Time at the end of the step [s].
@@ -170,7 +170,7 @@ class _SteppedTool:
         """
         old, turned = self._tool.path.pose_at(time - dt)
         position, rotation = self._tool.path.pose_at(time)
-        touched = old + (places - position) @ rotation @ turned.T
+        touched = old + (positions - position) @ rotation @ turned.T
         slip = touched - before
         slip -= np.sum(slip * normals, axis=1)[:, None] * normals
         moves = self._mobility > 0.0

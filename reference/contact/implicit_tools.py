@@ -34,7 +34,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import HeldNodes, ToolContact, create_contacts
+from palpate.reference.contact.tool_contact import ToolContact, TouchingNodes, create_contacts
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.schemes import AlphaMethod, State, stencil_of
 
@@ -115,12 +115,12 @@ class DrivenTool:
         return coupling, self.mass * self._stencil.A + own
 
     def end_step(
-        self, held: HeldNodes, v: Points, a: Points, inertia: Callable[[Points], Floats]
+        self, nodes: TouchingNodes, v: Points, a: Points, inertia: Callable[[Points], Floats]
     ) -> tuple[Points, Points]:
         """Finish a step; the nodes in contact take the velocity of the tool.
 
         Args:
-            held: The nodes in contact.
+            nodes: The nodes in contact.
             v: Velocity of all nodes [m/s], shape (num_blocks, 3).
             a: Acceleration of all nodes [m/s2], shape (num_blocks, 3).
             inertia: Returns the sum of the mass matrix times such a field, shape (3,).
@@ -128,14 +128,14 @@ class DrivenTool:
         Returns:
             Changes of the two that conserve the momentum of tool and body.
         """
-        still = np.zeros_like(held.normals)
-        carried = held.change(np.zeros_like(v), still + self.direction)
+        still = np.zeros_like(nodes.normals)
+        carried = nodes.change(np.zeros_like(v), still + self.direction)
         whole = self.mass + float(inertia(carried) @ self.direction)
         changes, ends = [], []
         here = np.array([self.way])
         own = self._stencil.after(here)
         for of_nodes, of_tool in ((v, own.v), (a, own.a)):
-            stopped = held.change(of_nodes, still)
+            stopped = nodes.change(of_nodes, still)
             end = (self.mass * of_tool - float(inertia(stopped) @ self.direction)) / whole
             changes.append(stopped + end * carried)
             ends.append(end)
@@ -160,7 +160,7 @@ class ImplicitTools:
     Args:
         problem: The problem with its tools.
         space: Displacement space.
-        held: Degrees of freedom that are fixed, shape (n,).
+        fixed: Degrees of freedom that are fixed, shape (n,).
         tolerance: Relative residual of a step [-].
 
     Attributes:
@@ -168,14 +168,14 @@ class ImplicitTools:
     """
 
     def __init__(
-        self, problem: Problem, space: TransferredSpace, held: Indices, tolerance: float
+        self, problem: Problem, space: TransferredSpace, fixed: Indices, tolerance: float
     ) -> None:
         self._is_rough = any(tool.friction_coefficient > 0.0 for tool in problem.tools)
         carried = _OVER_TOLERANCE * tolerance
         self._carried = max(carried, _OF_DRAG) if self._is_rough else carried
-        self._contacts: Sequence[ToolContact] = create_contacts(problem, space, held)
+        self._contacts: Sequence[ToolContact] = create_contacts(problem, space, fixed)
         self.driven = tuple(DrivenTool(c) for c in self._contacts if c.tool.drive is not None)
-        self._held = held
+        self._fixed = fixed
         materials = (problem.material, *(i.material for i in problem.inclusions))
         self._density = max(material.density for material in materials)
         self._impulses = np.zeros((len(self._contacts), 3))
@@ -256,13 +256,13 @@ class ImplicitTools:
             return du, np.zeros(0)
         rows = [tool.stiffness(displacement) for tool in self.driven]
         couplings = np.array([coupling for coupling, _ in rows])
-        answers = np.array(
+        responses = np.array(
             [solve(c, is_fresh=False) if fenicsx.norm(c) > 0.0 else 0.0 * c for c in couplings]
         )
-        matrix = np.diag([own for _, own in rows]) - fenicsx.total(couplings @ answers.T)
+        matrix = np.diag([own for _, own in rows]) - fenicsx.total(couplings @ responses.T)
         lacking = self.lacking(displacement)[0] + fenicsx.total(couplings @ du)
         ways: Floats = np.linalg.solve(matrix, lacking)
-        return du + ways @ answers, ways
+        return du + ways @ responses, ways
 
     def end_step(
         self,
@@ -299,13 +299,13 @@ class ImplicitTools:
 
         rows = zip(self._impulses, self._last_forces, self._contacts, strict=True)
         for row, last, contact in rows:
-            held = contact.held_nodes(displacement, dt)
+            touching = contact.touching_nodes(displacement, dt)
             driven = next((tool for tool in self.driven if tool.contact is contact), None)
             if driven is None:
-                dv = held.change(v, held.velocities)
-                da = held.change(a, np.zeros_like(held.velocities))
+                dv = touching.change(v, touching.velocities)
+                da = touching.change(a, np.zeros_like(touching.velocities))
             else:
-                dv, da = driven.end_step(held, v, a, inertia)
+                dv, da = driven.end_step(touching, v, a, inertia)
             dv, da = self._free(dv), self._free(da)
             given = momentum(dv.ravel(), da.ravel()).reshape(-1, 3).sum(axis=0)
             force = contact.state(displacement).force
@@ -317,7 +317,7 @@ class ImplicitTools:
 
     def _free(self, change: Points) -> Points:
         """A change of nodal values without fixed components, shape (num_blocks, 3)."""
-        change.reshape(-1)[self._held] = 0.0
+        change.reshape(-1)[self._fixed] = 0.0
         return change
 
     def force(self, displacement: Floats) -> Floats:

@@ -43,7 +43,7 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_distance import Distance, HeldFaces, tool_distance
+from palpate.reference.contact.tool_distance import ContactFaces, Distance, tool_distance
 from palpate.reference.fenicsx import all_rows, ufl
 from palpate.reference.loads import traction_work
 from palpate.reference.mesh_transfer import TransferredSpace
@@ -67,14 +67,14 @@ class ContactPoints:
     areas: Floats
     facet_size: float
 
-    def places(self, displacement: Floats) -> Points:
+    def positions(self, displacement: Floats) -> Points:
         """Deformed positions of the nodes for a flat vector of all unknowns [m], shape (n, 3)."""
         placed: Points = self.rest + displacement[self.dofs]
         return placed
 
 
 def find_contact_points(
-    space: TransferredSpace, facets: Indices, held: Indices, numbers: Indices | None = None
+    space: TransferredSpace, facets: Indices, fixed: Indices, numbers: Indices | None = None
 ) -> ContactPoints:
     """Collect the nodes of the facets that may touch a tool.
 
@@ -83,7 +83,7 @@ def find_contact_points(
     Args:
         space: Displacement space.
         facets: Facets by the mesh's points, shape (m, 3); empty is the whole boundary.
-        held: Degrees of freedom of the displacement that are fixed, shape (n,).
+        fixed: Degrees of freedom of the displacement that are fixed, shape (n,).
         numbers: Indices of displacements among all unknowns, shape (at least 3 num_blocks,); None
             where there are no other unknowns.
     """
@@ -100,7 +100,7 @@ def find_contact_points(
     entities = space.transferred.facet_entities(chosen, "a tool")
     nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
     nodes = nodes[nodes < space.num_blocks]
-    nodes = nodes[np.bincount(held // 3, minlength=space.num_blocks)[nodes] < 3]
+    nodes = nodes[np.bincount(fixed // 3, minlength=space.num_blocks)[nodes] < 3]
     # For degree 2 the shape functions of vertices integrate to rounding errors.
     least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
     areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
@@ -140,11 +140,11 @@ class Friction:
         # Multipliers and positions are in the tool's frame, with which they rotate.
         self._multiplier: Points = np.zeros((count, 3))
         self._kept: Points = self._multiplier
-        self._held_at: Points = np.zeros((count, 3))
+        self._stuck_at: Points = np.zeros((count, 3))
 
     def keep(self, local: Points) -> None:
         """Accept an equilibrium with the nodes at these positions in the tool's frame [m]."""
-        self._kept, self._held_at = self._multiplier, local
+        self._kept, self._stuck_at = self._multiplier, local
 
     def go_back(self) -> None:
         """Begin anew from the last accepted equilibrium."""
@@ -178,7 +178,7 @@ class Friction:
         count = len(local)
         if self.coefficient == 0.0:
             return Drag(np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_))
-        trial = (self._multiplier - penalty * (local - self._held_at)) @ rotation.T
+        trial = (self._multiplier - penalty * (local - self._stuck_at)) @ rotation.T
         trial -= np.sum(trial * normal, axis=1)[:, None] * normal
         size, bound = np.linalg.norm(trial, axis=1), self.coefficient * pressure
         slips = size > bound
@@ -220,7 +220,7 @@ class ToolState:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldNodes:
+class TouchingNodes:
     """Nodes that move with a tool along its normal or, where they stick to it, in all directions.
 
     Attributes:
@@ -256,7 +256,7 @@ class ToolContact:
     Args:
         space: Displacement space.
         tool: Shape and path of the tool.
-        held: Degrees of freedom of the displacement that are fixed, shape (n,).
+        fixed: Degrees of freedom of the displacement that are fixed, shape (n,).
         youngs_modulus: Largest Young's modulus of the body [Pa].
         numbers: Indices of displacements among all unknowns, see `find_contact_points`.
         num_dofs: Number of all unknowns that this rank owns.
@@ -269,21 +269,21 @@ class ToolContact:
         self,
         space: TransferredSpace,
         tool: RigidTool,
-        held: Indices,
+        fixed: Indices,
         youngs_modulus: float,
         numbers: Indices | None,
         num_dofs: int,
     ) -> None:
         self.tool = tool
         self.source_points = space.transferred.source.points
-        self.points = find_contact_points(space, tool.contact_facets, held, numbers)
+        self.points = find_contact_points(space, tool.contact_facets, fixed, numbers)
         self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches the body must not press on it by rounding errors.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
-        self._faces = HeldFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
+        self._faces = ContactFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
         self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
         self._drag_part = 1.0
         self._way = np.zeros(3)
@@ -301,16 +301,16 @@ class ToolContact:
         """Raise InputError where the distance to the tool cannot be measured."""
         self._distance(np.zeros(self._num_dofs))
 
-    def held_nodes(self, displacement: Floats, dt: float) -> HeldNodes:
+    def touching_nodes(self, displacement: Floats, dt: float) -> TouchingNodes:
         """Nodes that move with the tool at the end of a step of dt [s]."""
         distance = self._distance(displacement)
         sticks = self._dragged(displacement, distance).sticks
         rows = np.flatnonzero(self.points.areas * self._tractions(distance) > 0.0)
-        places = self.points.places(displacement)[rows]
+        positions = self.points.positions(displacement)[rows]
         before, turned = self.tool.path.pose_at(self.time - dt)
-        local = (places - self.position) @ self.rotation
-        velocity = (places - before - local @ turned.T) / dt
-        return HeldNodes(self.points.nodes[rows], distance.normal[rows], velocity, sticks[rows])
+        local = (positions - self.position) @ self.rotation
+        velocity = (positions - before - local @ turned.T) / dt
+        return TouchingNodes(self.points.nodes[rows], distance.normal[rows], velocity, sticks[rows])
 
     @property
     def forgets_its_way(self) -> bool:
@@ -342,7 +342,7 @@ class ToolContact:
         pressure = all_rows(other.pressure[known])
         if len(there) == 0:
             return
-        arms = (there - place for place in self.points.rest)
+        arms = (there - rest for rest in self.points.rest)
         nearest = [int(np.argmin(np.einsum("ij,ij->i", arm, arm))) for arm in arms]
         self.pressure = pressure[nearest]
 
@@ -406,19 +406,19 @@ class ToolContact:
         return fenicsx.total(int(off.sum())), fenicsx.total(int(again)) > 0
 
     def _local(self, displacement: Floats) -> Points:
-        local: Points = (self.points.places(displacement) - self.position) @ self.rotation
+        local: Points = (self.points.positions(displacement) - self.position) @ self.rotation
         return local
 
     def _distance(self, displacement: Floats) -> Distance:
-        places, faces = self.points.places(displacement), self._faces
+        positions, faces = self.points.positions(displacement), self._faces
         came_from = None if faces is None else faces.came_from
-        found = tool_distance(self.tool.shape, self.position, self.rotation, places, came_from)
+        found = tool_distance(self.tool.shape, self.position, self.rotation, positions, came_from)
         if faces is not None and came_from is not None:
-            is_held, gap, normal = faces.planes(self._local(displacement))
+            has_plane, gap, normal = faces.planes(self._local(displacement))
             found = Distance(
-                np.where(is_held, gap, found.gap),
-                np.where(is_held[:, None], normal @ self.rotation.T, found.normal),
-                np.where(is_held[:, None, None], 0.0, found.curvature),
+                np.where(has_plane, gap, found.gap),
+                np.where(has_plane[:, None], normal @ self.rotation.T, found.normal),
+                np.where(has_plane[:, None, None], 0.0, found.curvature),
             )
         return dataclasses.replace(found, gap=found.gap + self._rounding)
 
@@ -517,7 +517,7 @@ class ToolContact:
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
         forces = -self.points.areas[:, None] * self._vectors(displacement)
-        arms = self.points.places(displacement) - self.position
+        arms = self.points.positions(displacement) - self.position
         return ToolState(
             force=fenicsx.total(forces.sum(axis=0)),
             moment=fenicsx.total(np.cross(arms, forces).sum(axis=0)),
@@ -529,7 +529,7 @@ class ToolContact:
 def create_contacts(
     problem: Problem,
     space: TransferredSpace,
-    held: Indices,
+    fixed: Indices,
     numbers: Indices | None = None,
     num_dofs: int | None = None,
 ) -> tuple[ToolContact, ...]:
@@ -539,5 +539,5 @@ def create_contacts(
     )
     num_dofs = 3 * space.num_blocks if num_dofs is None else num_dofs
     return tuple(
-        ToolContact(space, tool, held, stiffest, numbers, num_dofs) for tool in problem.tools
+        ToolContact(space, tool, fixed, stiffest, numbers, num_dofs) for tool in problem.tools
     )

@@ -54,7 +54,7 @@ def tool_distance(
     shape: ToolShape,
     position: Floats,
     rotation: Floats,
-    places: Points,
+    positions: Points,
     came_from: Points | None = None,
 ) -> Distance:
     """Distance of positions from a tool in a pose.
@@ -63,7 +63,7 @@ def tool_distance(
         shape: Shape in the tool's frame.
         position: Position of the tool's origin [m], shape (3,).
         rotation: From the tool's frame to the global one, shape (3, 3).
-        places: Positions [m], shape (n, 3).
+        positions: Positions [m], shape (n, 3).
         came_from: Previous positions in the tool's frame at that time [m], shape (n, 3): inside a
             box the distance is from the face of entry. Without them it is from the nearest face.
 
@@ -75,7 +75,7 @@ def tool_distance(
         without `came_from`, inside a surface below its edges) and the curvature at the edges of a
         box and from facet to facet of a surface.
     """
-    local = (places - position) @ rotation
+    local = (positions - position) @ rotation
     match shape:
         case SphereShape():
             found = _round(local, np.broadcast_to(np.eye(3), (len(local), 3, 3)), shape.radius)
@@ -177,7 +177,7 @@ def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Poi
     return np.where(touching[:, None], _in_front_of(axes, sides, local, half_widths), local)
 
 
-class HeldFaces:
+class ContactFaces:
     """The faces of a box that nodes are in contact with while an equilibrium is sought.
 
     A node straight in front of a face is in contact with its whole plane: at the edge of the face
@@ -214,10 +214,10 @@ class HeldFaces:
             Whether a node has such a plane, shape (n,), its distance from the plane [m], shape
             (n,), and the plane's outward normal in the frame of the box, shape (n, 3).
         """
-        is_held, axes, sides = self._held()
+        has_plane, axes, sides = self._touched()
         normals = np.zeros_like(local)
         normals[np.arange(len(local)), axes] = sides
-        return is_held, (normals * local).sum(axis=1) - self._half_widths[axes], normals
+        return has_plane, (normals * local).sum(axis=1) - self._half_widths[axes], normals
 
     def let_go(self, local: Points, pressed: Mask) -> tuple[Mask, bool]:
         """Release the pressed nodes that have slid off the face they are in contact with.
@@ -226,10 +226,10 @@ class HeldFaces:
             Which nodes, shape (n,), and whether one of them had already slid off another face.
         """
         assert self.came_from is not None
-        is_held, axes, _ = self._held()
+        has_plane, axes, _ = self._touched()
         beyond = np.abs(local) - self._half_widths
         beyond[np.arange(len(axes)), axes] = -np.inf
-        off = is_held & pressed & (beyond.max(axis=1) > touching_distance(self._half_widths))
+        off = has_plane & pressed & (beyond.max(axis=1) > touching_distance(self._half_widths))
         round_it = np.argmax(beyond, axis=1)
         sides = _signs(local)[np.arange(len(axes)), round_it]
         moved = _in_front_of(round_it, sides, local, self._half_widths)
@@ -238,7 +238,7 @@ class HeldFaces:
         self._has_slid = self._has_slid | off
         return off, again
 
-    def _held(self) -> tuple[Mask, Indices, Points]:
+    def _touched(self) -> tuple[Mask, Indices, Points]:
         assert self.came_from is not None
         beyond = np.abs(self.came_from) - self._half_widths
         axes = np.argmax(beyond, axis=1)
@@ -319,17 +319,17 @@ def closed_surface(shape: SurfaceShape) -> ClosedSurface:
     return ClosedSurface(corners, normals, _unit(at_edges)[edge], _unit(at_points)[facets], size)
 
 
-def surface_distance(surface: ClosedSurface, places: Points) -> tuple[Floats, Points, Floats]:
+def surface_distance(surface: ClosedSurface, positions: Points) -> tuple[Floats, Points, Floats]:
     """Distance, normal and curvature at positions in the surface's frame; see `Distance`.
 
     Args:
         surface: The surface.
-        places: Positions [m], shape (n, 3).
+        positions: Positions [m], shape (n, 3).
     """
-    facet, weights = _nearest(surface, places)
-    rows = np.arange(len(places))
+    facet, weights = _nearest(surface, positions)
+    rows = np.arange(len(positions))
     corners = surface.corners[facet]
-    arms = places - np.einsum("nk,nki->ni", weights, corners)
+    arms = positions - np.einsum("nk,nki->ni", weights, corners)
     is_inner = weights > 0.0
     count = is_inner.sum(axis=1)
     # An edge is identified by the corner opposite to it, which follows its end.
@@ -362,18 +362,18 @@ def _unit(rows: Points) -> Points:
     return unit
 
 
-def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
+def _nearest(surface: ClosedSurface, positions: Points) -> tuple[Indices, Floats]:
     """The facet that is nearest to each position, and the weights of its corners there.
 
     Returns:
         Facets, shape (n,), and weights, shape (n, 3): exactly 0 for corners that do not belong to
         the nearest facet, edge or point.
     """
-    chosen = np.zeros(len(places), dtype=np.int32)
-    weights = np.zeros((len(places), 3))
+    chosen = np.zeros(len(positions), dtype=np.int32)
+    weights = np.zeros((len(positions), 3))
     step = max(1, _AT_ONCE // len(surface.corners))
-    for start in range(0, len(places), step):
-        part = places[start : start + step]
+    for start in range(0, len(positions), step):
+        part = positions[start : start + step]
         found = _weights(surface.corners, part)
         arms = part[:, None] - np.einsum("nmk,mki->nmi", found, surface.corners)
         nearest = np.argmin(np.sum(arms**2, axis=2), axis=1)
@@ -382,12 +382,12 @@ def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
     return chosen, weights
 
 
-def _weights(corners: Points, places: Points) -> Floats:
+def _weights(corners: Points, positions: Points) -> Floats:
     """Weights of the point of each of m triangles nearest to each of n positions, (n, m, 3)."""
     a, b, c = (corners[:, k] for k in range(3))
     across = np.cross(b - a, c - a)
     squared = np.sum(across**2, axis=1)
-    arms = places[:, None] - a
+    arms = positions[:, None] - a
     # Weights of the foot of the perpendicular on the plane.
     second = np.einsum("nmi,mi->nm", arms, np.cross(c - a, across)) / squared
     third = np.einsum("nmi,mi->nm", arms, np.cross(across, b - a)) / squared
@@ -397,9 +397,9 @@ def _weights(corners: Points, places: Points) -> Floats:
     least = np.where(is_in, 0.0, np.inf)
     for k in range(3):
         start, way = corners[:, k], corners[:, _NEXT[k]] - corners[:, k]
-        t = np.einsum("nmi,mi->nm", places[:, None] - start, way) / np.sum(way**2, axis=1)
+        t = np.einsum("nmi,mi->nm", positions[:, None] - start, way) / np.sum(way**2, axis=1)
         t = np.clip(t, 0.0, 1.0)
-        apart = places[:, None] - start - t[:, :, None] * way
+        apart = positions[:, None] - start - t[:, :, None] * way
         distance = np.sum(apart**2, axis=2)
         on_edge = np.zeros_like(foot)
         on_edge[:, :, k], on_edge[:, :, _NEXT[k]] = 1.0 - t, t

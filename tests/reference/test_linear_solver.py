@@ -50,7 +50,7 @@ def solver(eq, monkeypatch, largest_direct):
 
 def solution(eq, linear, u, rhs):
     return linear.solve(
-        eq.tangent(u, 1.0), rhs, eq.held.dofs, np.zeros(len(eq.held.dofs)), tolerance=1e-12
+        eq.tangent(u, 1.0), rhs, eq.fixed.dofs, np.zeros(len(eq.fixed.dofs)), tolerance=1e-12
     )
 
 
@@ -65,8 +65,8 @@ def test_multigrid_and_factors_agree(box, monkeypatch):
     one, other = (solution(eq, linear, rest, rhs) for linear in (direct, multigrid))
     assert np.linalg.norm(one - other) < 1e-9 * np.linalg.norm(one)
     for linear in (direct, multigrid):
-        assert linear.is_positive_definite(eq.tangent(rest, 1.0), eq.held.dofs)
-        assert not linear.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.held.dofs)
+        assert linear.is_positive_definite(eq.tangent(rest, 1.0), eq.fixed.dofs)
+        assert not linear.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.fixed.dofs)
 
 
 def test_a_failing_preconditioner_is_no_verdict_on_the_matrix(box, monkeypatch):
@@ -83,8 +83,8 @@ def test_a_failing_preconditioner_is_no_verdict_on_the_matrix(box, monkeypatch):
     monkeypatch.setattr(multigrid, "_run", fail)
     found = solution(eq, multigrid, rest, rhs)
     assert np.linalg.norm(found - expected) < 1e-10 * np.linalg.norm(expected)
-    assert multigrid.is_positive_definite(eq.tangent(rest, 1.0), eq.held.dofs)
-    assert not multigrid.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.held.dofs)
+    assert multigrid.is_positive_definite(eq.tangent(rest, 1.0), eq.fixed.dofs)
+    assert not multigrid.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.fixed.dofs)
     monkeypatch.setattr(linear_solver, "LARGEST_FALLBACK", 0)
     too_large = solver(eq, monkeypatch, 0)
     monkeypatch.setattr(too_large, "_run", fail)

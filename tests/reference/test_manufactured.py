@@ -97,7 +97,7 @@ def solve_errors(mesh, degree, strain, *, force_strain=None):
     values = chosen_values(nodes)
     outside = np.any((nodes < 1e-12) | (nodes > 1 - 1e-12), axis=1)
     dofs = (3 * np.flatnonzero(outside)[:, None] + np.arange(3)).ravel()
-    discrete.held = Pinned(dofs.astype(np.int32), values.ravel()[dofs])
+    discrete.fixed = Pinned(dofs.astype(np.int32), values.ravel()[dofs])
     discrete.free = np.setdiff1d(np.arange(discrete.num_dofs), dofs)
     newton = Newton(discrete, DetFSampler(discrete), relative_tolerance=1e-11)
     outcome = newton.solve(values.ravel(), 1.0)

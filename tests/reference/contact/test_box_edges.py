@@ -10,7 +10,7 @@ from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, ToolPath
 from palpate.reference.availability import is_available
-from palpate.reference.contact.tool_distance import HeldFaces, entered_faces, seen_at
+from palpate.reference.contact.tool_distance import ContactFaces, entered_faces, seen_at
 
 if is_available():
     from palpate.reference.statics import solve_static
@@ -54,7 +54,7 @@ def test_a_place_just_inside_an_edge_keeps_to_the_face_it_touched(
 
 
 def test_who_slides_off_a_face_goes_to_the_one_round_the_edge_and_only_once() -> None:
-    faces = HeldFaces((0.3, 0.4, 0.5))
+    faces = ContactFaces((0.3, 0.4, 0.5))
     faces.keep(np.array([[0.29, 0.0, -0.51], [0.0, 0.0, -0.51], [0.29, 0.0, -0.51]]))
     beyond = np.array([[0.31, 0.0, -0.5], [0.0, 0.0, -0.5], [0.31, 0.0, -0.5]])
     pressed = np.array([True, True, False])
