@@ -181,6 +181,19 @@ def test_the_judge_has_few_packages() -> None:
     assert named == {name for names in FLOORS for name in names} | {"examples"}
 
 
+def test_no_folder_of_the_judge_is_in_a_circle() -> None:
+    files = module_files()
+    folders = {name: str(f.parent.relative_to(ROOT)) for name, f in files.items()}
+    uses: dict[str, set[str]] = {}
+    for name, file in files.items():
+        folder = folders[name]
+        if not folder.startswith("validation/"):  # its own files stand below and above packages
+            continue
+        used = {folders[n] for n in imported_names(file.read_text("utf-8")) if n in folders}
+        uses.setdefault(folder, set()).update(used - {folder})
+    assert circles({a: {b for b in used if b in uses} for a, used in uses.items()}) == set()
+
+
 def test_the_architecture_page_shows_the_floors_that_are_enforced() -> None:
     page = (ROOT / "validation" / "documentation" / "architecture.md").read_text("utf-8")
     rows = re.findall(r"^\| (\d) \| (.*?) \|", page, re.M)

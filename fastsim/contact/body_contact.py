@@ -110,13 +110,6 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
     return vertices.astype(np.int32), depths
 
 
-# Vertices in cells: of another body, or of the same one (section IV).
-#
-# Boundary vertices are hashed into voxels (after Teschner et al. 2003) that fit the cells; a mesh
-# with cells of several sizes has several voxel sizes, a factor of two or more apart. Cells lie in
-# compact blocks; in each step only blocks near vertices of the other body are searched.
-
-
 @dataclass(frozen=True, eq=False)
 class Overlaps:
     """Vertices found in cells.
@@ -136,7 +129,11 @@ class Overlaps:
 
 
 class VertexCellDetector:
-    """Finds the boundary vertices of one body in the cells of another, step after step.
+    """Finds boundary vertices of one body in the cells of another, step after step (section IV).
+
+    Boundary vertices are hashed into voxels (after Teschner et al. 2003) that fit the cells; a mesh
+    with cells of several sizes has several voxel sizes, a factor of two or more apart. Cells lie in
+    compact blocks; in each step only blocks near vertices of the other body are searched.
 
     A vertex is in a cell when it is in the cell's box and no barycentric weight, as computed, is
     negative; a cell that is inverted at the time contains nothing. A vertex on the side between two

@@ -10,7 +10,7 @@ rate_of_stvk: its rate over that of Saint-Venant-Kirchhoff in the same run. With
 runs on it: bytes_per_cell, which a step moves, counted from the arrays; the gigabytes_per_second
 that result; share_of_copy, the fraction of what copies reach there, for a body beyond the caches;
 times_two_cores, over our core on two threads; and paper_rate, the most that an H100's memory would
-allow (`palpate.validation.peers.bench_traffic`).
+allow (`palpate.validation.peers.adapters.traffic`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import rest_arrays
+from palpate.validation.peers.adapters.traffic import paper_rate
 from palpate.validation.peers.bench import Benchmark, Row, Scene
-from palpate.validation.peers.bench_traffic import paper_rate
 from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress

@@ -15,7 +15,7 @@ def test_what_a_step_moves_is_counted_from_its_arrays() -> None:
     from palpate.meshes.bricks import brick_box
     from palpate.meshes.errors import InputError
     from palpate.meshes.problem import Element, Material, Problem
-    from palpate.validation.peers.bench_traffic import bytes_per_step, copy_bandwidth, paper_rate
+    from palpate.validation.peers.adapters.traffic import bytes_per_step, copy_bandwidth, paper_rate
 
     mesh = brick_box((4, 3, 3), size=(4.0, 3.0, 3.0))
     problem = Problem(mesh, Material(1e4, 0.3, 1e3), (), ())

@@ -47,7 +47,7 @@ class Steps(_Ours):
         self._about = self._of_device() if self._body.instruction_set.count(":") else {}
 
     def _of_device(self) -> dict[str, Any]:
-        from palpate.validation.peers.bench_traffic import bytes_per_step, copy_bandwidth
+        from palpate.validation.peers.adapters.traffic import bytes_per_step, copy_bandwidth
 
         num_cells = self._body.problem.mesh.num_cells
         return {
