@@ -191,12 +191,15 @@ def find_near_duplicates(points: Points, distance: float | None = None) -> Integ
         raise InputError(f"distance = {reach:g} m: needs a finite value of at least 0")
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(points)
-    crowd = int(tree.query_ball_point(points, reach, return_length=True).max())
+    # A power of two changes no digit, and squares of lengths stay within the range of numbers.
+    scale = float(np.ldexp(1.0, int(np.clip(-np.frexp(size)[1], -1000, 1000))))
+    scaled, within = points * scale, reach * scale
+    tree = cKDTree(scaled)
+    crowd = int(tree.query_ball_point(scaled, within, return_length=True).max())
     if crowd > _MOST_IN_REACH:
         raise InputError(
             f"distance = {reach:.3g} m: {crowd} points lie within such a distance; take less"
         )
-    pairs = np.sort(tree.query_pairs(reach, output_type="ndarray"), axis=1).astype(np.int64)
+    pairs = np.sort(tree.query_pairs(within, output_type="ndarray"), axis=1).astype(np.int64)
     unique: Integers = np.unique(pairs.reshape(-1, 2), axis=0)
     return unique

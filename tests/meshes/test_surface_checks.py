@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 
 from palpate.meshes.errors import IndexRangeError, NonFiniteError
 from palpate.meshes.shapes import shape_box, shape_sphere
-from palpate.meshes.surface_checks import merge_equal_points, require_closed
+from palpate.meshes.surface_checks import (
+    find_near_duplicates,
+    merge_equal_points,
+    require_closed,
+)
 from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     DuplicateFacetError,
@@ -116,3 +120,11 @@ def test_soup_is_merged_and_unused_points_are_dropped() -> None:
     require_closed(merged)
     assert len(merged.points) == len(sphere.points)
     assert merged.volume == pytest.approx(sphere.volume, rel=1e-14)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 1e200, 1e300])
+def test_near_points_are_found_at_every_scale(scale: float) -> None:
+    points = np.random.default_rng(0).uniform(size=(200, 3))
+    points = np.vstack([points, points[:5] + 1e-8])
+    pairs = find_near_duplicates(scale * points)
+    np.testing.assert_array_equal(pairs, np.column_stack([np.arange(5), np.arange(200, 205)]))

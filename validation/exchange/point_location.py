@@ -23,6 +23,8 @@ Rows = NDArray[np.int64]
 _INSIDE = -1e-9
 # Points that are searched together: bounds the memory.
 _CHUNK = 2048
+# Coordinates beyond this are taken for this by the trees, which square distances [m].
+_LARGEST = 1e150
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,8 @@ def nearest_on_surface(
     from scipy.spatial import cKDTree
 
     corners = points[facets]
-    likely = cKDTree(corners.mean(axis=1)).query(positions)[1] if len(positions) else []
+    tree = cKDTree(_bounded(corners.mean(axis=1)))
+    likely = tree.query(_bounded(positions))[1] if len(positions) else []
     reach = _on_triangles(positions, corners[likely])[1]
     if within is not None:
         reach = np.minimum(reach, within)
@@ -153,13 +156,13 @@ def _within_reach(positions: Points, reach: Points, corners: Floats) -> Iterator
     # One tree for items of one power of two: a few large ones widen no search among small ones.
     sizes = np.frexp(radii)[1]
     kinds = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    trees = [cKDTree(centres[items]) for items in kinds]
+    trees = [cKDTree(_bounded(centres[items])) for items in kinds]
     for start in range(0, len(positions), _CHUNK):
         some = positions[start : start + _CHUNK]
         pairs = []
         for items, tree in zip(kinds, trees, strict=True):
             far = reach[start : start + _CHUNK] + radii[items].max()
-            near = tree.query_ball_point(some, far)
+            near = tree.query_ball_point(_bounded(some), np.minimum(far, 4.0 * _LARGEST))
             counts = np.array([len(found) for found in near])
             rows = np.repeat(np.arange(len(some)), counts)
             tried = items[np.fromiter(itertools.chain.from_iterable(near), np.int64, counts.sum())]
@@ -167,6 +170,12 @@ def _within_reach(positions: Points, reach: Points, corners: Floats) -> Iterator
             is_near = apart <= reach[start + rows] + radii[tried]
             pairs.append((start + rows[is_near], tried[is_near]))
         yield np.concatenate([rows for rows, _ in pairs]), np.concatenate([i for _, i in pairs])
+
+
+def _bounded(positions: Points) -> Points:
+    """Positions whose squared distances are finite: none is farther from another than it was."""
+    bounded: Points = np.clip(positions, -_LARGEST, _LARGEST)
+    return bounded
 
 
 def _on_triangles(positions: Points, corners: Floats) -> tuple[Floats, Points]:

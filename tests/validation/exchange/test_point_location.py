@@ -95,3 +95,15 @@ def test_middles_of_flat_facets_are_on_them(thickness: float) -> None:
     middles = points[sphere.facets].mean(axis=1)
     found = nearest_on_surface(middles, points, sphere.facets)
     assert found.distances.max() <= 1e-15
+
+
+@pytest.mark.parametrize("far", [1e3, 1e154, 1e200, 1e300])
+def test_positions_whose_squares_overflow_are_far_away(far: float) -> None:
+    positions = np.array([[far, 0.0, 0.0], [1.0, 0.5, 0.5]])
+    ball = shape_sphere(0.1, edge_length=0.05)
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert locate(MESH.points, MESH.cells, positions).distances[0] >= 0.9 * far
+        nearest = nearest_on_surface(positions, ball.points, ball.facets)
+    assert nearest.distances[0] >= 0.9 * far
+    # |(1, 0.5, 0.5)| = 1.2247, less the radius.
+    assert nearest.distances[1] == pytest.approx(1.1247, abs=0.01)
