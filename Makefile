@@ -35,7 +35,7 @@ scoreboard: setup ## every simulator that is installed on every case: out/scoreb
 	  $(VENV)/bin/palpate scoreboard -o $(OUT)/scoreboard
 
 # On every core, without what is slow; PYTEST_ARGS takes the place of that choice.
-test: setup ## run the tests that a change waits for: about 12 minutes on two cores
+test: setup ## run the tests that a change waits for: about 20 minutes on two cores
 	@$(if $(PYTEST_ARGS),,PALPATE_MAKE_TEST=1 )$(VENV)/bin/python -m pytest \
 	  $(or $(PYTEST_ARGS),-n auto --maxprocesses 8 --dist loadfile -m "not nightly and not slow and not browser")
 
