@@ -92,7 +92,7 @@ def test_the_wheel_holds_what_is_needed_and_the_notices_of_what_is_linked_in(whe
     suffixes = {Path(name).suffix for name in names if ".dist-info/" not in name}
     assert suffixes == {
         ".py", ".pyi", ".typed", ".so", ".toml", ".npz", ".vtu",
-        ".j2", ".css", ".js", ".md", ".yml",
+        ".j2", ".css", ".js", ".md", ".yml", ".xz",
     }  # fmt: skip
     assert [".dist-info/licenses/" in name for name in notices] == [True]
     assert "nanobind" in told
