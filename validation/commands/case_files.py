@@ -137,8 +137,8 @@ def _require_new(*paths: Path) -> None:
 
 def _print_preview(case: Case) -> None:
     """Print what a case is and will cost, and what looks wrong in it."""
-    from palpate.validation.report.preview import look_at
+    from palpate.validation.report.preview import describe_case
 
-    look = look_at(case)
+    look = describe_case(case)
     print_lines(look.lines)
     print_lines(look.warnings, "warning: ")

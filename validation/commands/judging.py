@@ -74,7 +74,7 @@ def gate(
     ] = None,
     law: Annotated[
         list[Law] | None,
-        typer.Option(help="in the place of the case's; repeatable; the reference is solved here"),
+        typer.Option(help="instead of the case's; repeatable; the reference is solved here"),
     ] = None,
     integrator: StatedIntegrator = None,
     time_step: AskedTimeStep = None,

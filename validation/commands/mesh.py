@@ -127,7 +127,7 @@ def mesh(
     else:
         choices = _choices(repair, repair_distance, largest_hole, smallest_shell, scale)
         if wrap is not None and choices is not None:
-            raise InputError("--wrap takes the place of --repair: give one of the two")
+            raise InputError("--wrap replaces --repair: give one of the two")
         away = None if wrap is None else wrap * scale
         with units.in_own_words():
             loaded = load_surface(Path(surface), scale=scale, repair=choices, wrap=away)

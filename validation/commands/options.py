@@ -68,8 +68,8 @@ ChosenEngine = Annotated[
     Simulator,
     typer.Option(
         "--with",
-        help="condensed: fastsim's condensed linear model; linear strain; kept in the folder that "
-        "PALPATE_CONDENSED names",
+        help="condensed: fastsim's condensed linear model; linear strain; stored in the folder "
+        "that PALPATE_CONDENSED names",
     ),
 ]
 Device = Annotated[
@@ -80,7 +80,7 @@ Device = Annotated[
     ),
 ]
 ElementOfResult = Annotated[
-    Element | None, typer.Option(help="of the answer, where it does not say; default: linear")
+    Element | None, typer.Option(help="of the result, where it does not say; default: linear")
 ]
 SimulatorCommand = Annotated[
     str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
@@ -97,7 +97,7 @@ ToldIterations = Annotated[
     int | None, typer.Option(help="for {iterations} in the simulator's command")
 ]
 GrantedPrecision = Annotated[
-    Precision | None, typer.Option(help="granted to the answers; default: what the case grants")
+    Precision | None, typer.Option(help="granted to the results; default: what the case grants")
 ]
 
 

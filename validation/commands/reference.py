@@ -128,7 +128,7 @@ def check(names: Cases = None) -> None:
 @app.command()
 def accept(
     names: Annotated[list[str], typer.Argument(help="built-in names, or .toml files")],
-    reason: Annotated[str, typer.Option(help="why the new one is right; kept with it")],
+    reason: Annotated[str, typer.Option(help="why the new one is right; stored with it")],
     by: Annotated[str | None, typer.Option(help="who says so; default: the user's name")] = None,
 ) -> None:
     """Make what was built the reference, and keep who said so, why, and what changed."""

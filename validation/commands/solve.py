@@ -99,7 +99,7 @@ def audit(
     result: Annotated[Path | None, ResultFile] = None,
     with_: Annotated[
         Simulator | None,
-        typer.Option("--with", help="condensed: instead, what it answers by linear strain"),
+        typer.Option("--with", help="condensed: instead, its solution by linear strain"),
     ] = None,
     strain: StrainOfCase = None,
     degree: Annotated[
@@ -132,7 +132,7 @@ def audit(
 
     if limit is not None and not 0.0 < limit < 1.0:
         raise InputError(
-            f"--limit {limit:g}: needs a value above 0 and below 1; an answer in which nothing "
+            f"--limit {limit:g}: needs a value above 0 and below 1; a result in which nothing "
             "moves is wrong by 1, and so is one that misses its supports by all that it moves"
         )
     if cells is not None and cells.suffix.lower() not in MESH_SUFFIXES:

@@ -53,7 +53,7 @@ _QUADRATIC_NEIGHBOURS = 28
 
 
 @dataclass(eq=False)
-class Look:
+class Description:
     """The findings on a case: `lines` describe it, `warnings` say what looks wrong."""
 
     lines: list[str] = field(default_factory=list)
@@ -64,32 +64,32 @@ class Look:
         self.lines.append(f"{what:<10} {text}")
 
 
-def look_at(case: Case) -> Look:
+def describe_case(case: Case) -> Description:
     """Read and mesh a case, and describe it before it is solved.
 
     Raises:
         InputError: The case cannot be used.
     """
-    problem, units, look = case.problem, case.spec.units, Look()
-    look.say("case", f"{case.name}: {case.title}")
-    _body(look, case, problem, units)
-    _material(look, problem, units)
-    _what_acts(look, problem, units)
-    _costs(look, problem, units)
-    _misses(look, case, problem)
+    problem, units, about = case.problem, case.spec.units, Description()
+    about.say("case", f"{case.name}: {case.title}")
+    _body(about, case, problem, units)
+    _material(about, problem, units)
+    _what_acts(about, problem, units)
+    _costs(about, problem, units)
+    _misses(about, case, problem)
     if not case.checks:
-        look.warnings.append("no [[check]]: nothing can be judged")
-    look.say("checks", f"{len(case.checks)}, {case.strain} strain")
-    return look
+        about.warnings.append("no [[check]]: nothing can be judged")
+    about.say("checks", f"{len(case.checks)}, {case.strain} strain")
+    return about
 
 
-def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
+def _body(about: Description, case: Case, problem: Problem, units: Units) -> None:
     mesh, unit = problem.mesh, units.length
     scale = LENGTH[unit]
     quality = measure_quality(mesh)
     size = " x ".join(f"{side:.4g}" for side in np.ptp(mesh.points, axis=0) / scale)
-    look.say("body", f"{size} {unit}, {mesh.volume / scale**3:.5g} {unit}3; {case.mesh.origin}")
-    look.say(
+    about.say("body", f"{size} {unit}, {mesh.volume / scale**3:.5g} {unit}3; {case.mesh.origin}")
+    about.say(
         "mesh",
         f"{mesh.num_cells} cells, {mesh.num_points} points, longest edge "
         f"{quality.longest_edge / scale:.3g} {unit}, smallest dihedral angle "
@@ -97,13 +97,15 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
     )
     longest = float(np.ptp(mesh.points, axis=0).max())
     if case.spec.units.length != "m" and not _USUAL_SIZES[0] <= longest <= _USUAL_SIZES[1]:
-        look.warnings.append(
+        about.warnings.append(
             f"the body is {longest:.3g} m long: is its file really in {unit}? see [units]"
         )
     through = measure_thickness(mesh, fixed=_fixed_facets(problem))
     cells = f"about {through.num_cells:.2g} cell(s)"
     shape = f"{through.slenderness:.2g} times as long as high"
-    look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}, {shape}")
+    about.say(
+        "thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}, {shape}"
+    )
     errors = {
         element: expected_error(
             through.num_cells, through.slenderness, problem.material.poissons_ratio, element
@@ -111,35 +113,35 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         for element in Element
     }
     shown = _by_element(errors)
-    look.say("bending", f"bent across that, it misses of the displacement: {shown} (`{STUDY}`)")
+    about.say("bending", f"bent across that, it misses of the displacement: {shown} (`{STUDY}`)")
     if any(errors[element] > most for element, most in _TOO_STIFF.items()):
-        look.warnings.append(
+        about.warnings.append(
             f"{cells} through the thickness, {shape}: bent across them, tetrahedra are too stiff "
             f"({shown}); make edge_length smaller"
         )
     if quality.smallest_dihedral_deg < _SMALL_ANGLE:
-        look.warnings.append(
+        about.warnings.append(
             f"a dihedral angle of {quality.smallest_dihedral_deg:.1f} degrees, below "
             f'{_SMALL_ANGLE:g}: explicit steps get short; try boundary = "free" in [mesh]'
         )
 
 
-def _material(look: Look, problem: Problem, units: Units) -> None:
+def _material(about: Description, problem: Problem, units: Units) -> None:
     m = problem.material
     modulus = m.youngs_modulus / units.pascals(1.0)
-    look.say(
+    about.say(
         "material",
         f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
         + (f"; {len(problem.inclusions)} inclusion(s)" if problem.inclusions else ""),
     )
     if m.poissons_ratio > _NEAR_INCOMPRESSIBLE:
-        look.warnings.append(
+        about.warnings.append(
             f"poissons_ratio = {m.poissons_ratio:g}, above {_NEAR_INCOMPRESSIBLE:g}: linear "
             "tetrahedra lock and are too stiff; hold the truth checks against that"
         )
 
 
-def _what_acts(look: Look, problem: Problem, units: Units) -> None:
+def _what_acts(about: Description, problem: Problem, units: Units) -> None:
     mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
     fixed = _fixed_facets(problem)
     for number, support in enumerate(problem.supports, 1):
@@ -162,7 +164,7 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
                 f"{_vector(np.array(turned.axis))} through "
                 f"{_vector(np.array(turned.center) / scale)} {unit}"
             )
-        look.say(f"support {number}", f"{where}, {names} fixed{moving}")
+        about.say(f"support {number}", f"{where}, {names} fixed{moving}")
     total = np.zeros(3)
     for number, load in enumerate(problem.loads, 1):
         found = resultant_of(problem, load)
@@ -176,22 +178,22 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         if found.moment.any():
             moment = found.moment / (FORCE[units.force] * scale)
             where += f", moment {_vector(moment)} {units.force} {unit} about its middle"
-        look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
+        about.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
         num_fixed = int(are_among(found.facets, fixed).sum())
         if num_fixed and isinstance(load, Traction):
-            look.warnings.append(
+            about.warnings.append(
                 f"load {number} pushes {num_fixed} facet(s) that are fixed; that part is lost"
             )
     if problem.loads:
-        look.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
+        about.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
     for number, tool in enumerate(problem.tools, 1):
         path = tool.path
         shape = type(tool.shape).__name__.removesuffix("Shape").lower()
         ends = " to ".join(_vector(p / scale) for p in (path.positions[0], path.positions[-1]))
-        look.say(f"tool {number}", f"{shape}, from {ends} {unit}")
+        about.say(f"tool {number}", f"{shape}, from {ends} {unit}")
     for number, spring in enumerate(problem.springs, 1):
         stiffness = spring.stiffness * scale / FORCE[units.force]
-        look.say(
+        about.say(
             f"spring {number}",
             f"{stiffness:.4g} {units.force}/{unit} over {len(spring.facets)} facets within "
             f"{spring.radius / scale:.4g} {unit} of {_vector(np.array(spring.center) / scale)} "
@@ -206,14 +208,14 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
             f", turning by {_vector(spin)} rad/s about "
             f"{_vector(np.array(start.center) / scale)} {unit}"
         )
-        look.say("starts", f"at {_vector(speed)} {unit}/s" + (turning if spin.any() else ""))
+        about.say("starts", f"at {_vector(speed)} {unit}/s" + (turning if spin.any() else ""))
     if not (problem.loads or problem.springs or problem.tools or moves or start is not None):
-        look.warnings.append(
+        about.warnings.append(
             "nothing pushes or moves the body: add a [[load]], a [[spring]] or a [tool]"
         )
 
 
-def _costs(look: Look, problem: Problem, units: Units) -> None:
+def _costs(about: Description, problem: Problem, units: Units) -> None:
     """Report what solving will take: measured where that is quick, and guessed elsewhere."""
     mesh, span, body = problem.mesh, problem.time, Body.of(problem)
     springs = PatchSprings(mesh.points, problem.springs) if problem.springs else None
@@ -225,13 +227,13 @@ def _costs(look: Look, problem: Problem, units: Units) -> None:
     num_nodes = mesh.num_points + num_edges
     linear: State | None = None
     trouble = fast = truth = ""
-    look.say("steps", f"critical time step {critical:.3g} s")
+    about.say("steps", f"critical time step {critical:.3g} s")
     if span is not None:
         num_steps = math.ceil(span.end_time / (span.time_step or SAFETY * critical))
         fast = f", about {_seconds(num_steps * _seconds_of_force(body))}"
-        look.lines[-1] += f"; {num_steps} explicit steps to {span.end_time:g} s"
+        about.lines[-1] += f"; {num_steps} explicit steps to {span.end_time:g} s"
         if span.time_step is not None and span.time_step > critical:
-            look.warnings.append(
+            about.warnings.append(
                 f"time_step = {span.time_step:g} s is above the critical {critical:.3g} s: "
                 "explicit steps will blow up"
             )
@@ -246,59 +248,59 @@ def _costs(look: Look, problem: Problem, units: Units) -> None:
             except CandidateFailedError as error:
                 trouble = str(error)
     memory = _BASE_BYTES + _FAST_BLOCK * (mesh.num_points + 2 * num_edges)
-    look.say("fastsim", f"{3 * mesh.num_points} unknowns{fast}, about {memory / 1e9:.1g} GB")
+    about.say("fastsim", f"{3 * mesh.num_points} unknowns{fast}, about {memory / 1e9:.1g} GB")
     memory = _BASE_BYTES + _REFERENCE_BLOCK * _QUADRATIC_NEIGHBOURS * num_nodes
-    look.say(
+    about.say(
         "truth",
         f"{3 * num_nodes} unknowns{truth}, about {memory / 1e9:.1g} GB "
         "(quadratic tetrahedra; a guess within a factor of three)",
     )
     if trouble:
-        look.warnings.append(f"linear strain has no answer: {trouble}")
+        about.warnings.append(f"linear strain has no solution: {trouble}")
     if linear is None:
         return
     size = float(np.ptp(problem.mesh.points, axis=0).max())
     moved = linear.max_displacement
-    look.say(
+    about.say(
         "linear",
         f"linear strain moves it by {moved / LENGTH[units.length]:.3g} {units.length}, "
         f"{100 * moved / size:.2g} % of its size, volume "
         f"{100 * (linear.volume / problem.mesh.volume - 1):+.2g} %",
     )
     if linear.smallest_det_f <= 0.0:
-        look.warnings.append(
+        about.warnings.append(
             "linear strain turns a cell inside out under this load: Green strain may have no "
             "equilibrium; try a smaller one"
         )
     elif moved > _LARGE_PART * size:
-        look.warnings.append(
+        about.warnings.append(
             f"linear strain moves it by {100 * moved / size:.0f} % of its size: expect Green "
             "strain to differ, and to need several Newton iterations"
         )
     elif moved == 0.0:
-        look.warnings.append("nothing moves under these loads: is the loaded part fixed?")
+        about.warnings.append("nothing moves under these loads: is the loaded part fixed?")
 
 
-def _misses(look: Look, case: Case, problem: Problem) -> None:
+def _misses(about: Description, case: Case, problem: Problem) -> None:
     """Report what the mesh will miss under any load, beside what the case asks for."""
     errors = guess_errors(problem)
     if errors is None:
         why = "in motion" if problem.time is not None else "under a tool" if problem.tools else ""
-        why = why or f"above {MOST_CELLS} cells, or without an answer for linear strain"
-        look.say(
+        why = why or f"above {MOST_CELLS} cells, or without a solution for linear strain"
+        about.say(
             "misses",
             f"no guess {why}; the rule of bending is of bending alone: what is pressed, sheared or "
             "fixed at an edge may be farther off",
         )
         return
     shown = _by_element(errors)
-    look.say(
+    about.say(
         "misses", f"{shown} of the displacement (linear strain, each cell cut in eight: a guess)"
     )
     asked = [c.limit for c in case.checks if (c.metric, c.against) == ("displacement_l2", "truth")]
     if asked and min(errors.values()) > min(asked):
         length = edge_that_would_do(min(errors.values()), min(asked))
-        look.warnings.append(
+        about.warnings.append(
             f"a check asks for {100.0 * min(asked):.2g} % of the true displacement, and no element "
             f"is expected to be that near ({shown}): edges {length:.2g} times as long may do, "
             "first of all where it is fixed"

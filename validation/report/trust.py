@@ -118,7 +118,7 @@ def _answer(result: CaseResult, far: Sequence[CheckResult]) -> str:
     same = [c for c in wrong if c.against == "same_mesh" and c.value is not None]
     worst = max(same, key=_used, default=None) or next((c for c in far if c in wrong), None)
     if worst is None:
-        return "A check of the answer itself failed."
+        return "A check of the result itself failed."
     who = next((j.name for j in result.candidates if j.element is worst.element), "")
     if same:
         off = f"its {_quantity(worst)} is {100.0 * (worst.value or 0.0):.2g} % off"
@@ -223,7 +223,7 @@ def _unasked(result: CaseResult) -> str:
     known = [value for name in names if (value := result.metrics.get(name)) is not None]
     if result.problem.time is not None or not known:
         return ""
-    return f"; a truth is at hand, and displacement is {100.0 * max(known):.2g} % from it"
+    return f"; a truth is available, and displacement is {100.0 * max(known):.2g} % from it"
 
 
 def _row(check: CheckResult, name: str) -> Row:
@@ -287,7 +287,7 @@ def _says(result: CaseResult, one: int, other: int) -> str:
     if high <= _EVEN * low:
         amount = f"wrong everywhere by about {_rough(middle)}"
     else:
-        amount = f"wrong by {_rough(low)} to {_rough(high)} from place to place"
+        amount = f"wrong by {_rough(low)} to {_rough(high)} depending on where"
     place = ", ".join(f"{x * _MILLI:.3g}" for x in result.problem.mesh.points[worst])
     if len(candidate) > 1:
         amount += " at the worst moment"
@@ -307,7 +307,7 @@ def _place(result: CaseResult, point: int, moved: Floats) -> str:
         if (rows := getattr(load, part, None)) is not None
     ]
     if _is_near(result, point, held):
-        return "at what is held"
+        return "at the support"
     return "at the load" if _is_near(result, point, loaded) else "between load and support"
 
 

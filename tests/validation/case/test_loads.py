@@ -28,7 +28,7 @@ from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.body import Body
 from palpate.validation.report.pictures import draw_case
-from palpate.validation.report.preview import look_at
+from palpate.validation.report.preview import describe_case
 from palpate.validation.states import Verdict
 
 NAMES = ("bend", "flight", "ring", "sphere", "submerged", "turned")
@@ -408,7 +408,7 @@ def test_a_liquid_presses_with_its_depth(write_case: Write) -> None:
         for face in faces
     )
     assert np.sum(pressed, axis=0) == pytest.approx([-2e3, -4e3, 2e4], rel=1e-12)
-    look = "\n".join(look_at(case_of(write_case, LIQUID)).lines)
+    look = "\n".join(describe_case(case_of(write_case, LIQUID)).lines)
     assert "force on a surface, varying, [-1e+04, 0, 0] N" in look
 
 
@@ -472,7 +472,7 @@ def test_what_is_too_large_to_compute_with_is_refused(write_case: Write) -> None
 
 def test_check_tells_the_moment_and_draws_the_spread(write_case: Write, tmp_path: Path) -> None:
     case = case_of(write_case, MOMENT)
-    lines = "\n".join(look_at(case).lines)
+    lines = "\n".join(describe_case(case).lines)
     assert "moment, its force [0, 0, 0] N" in lines
     assert "moment [0, 5, 0] N m about its middle" in lines
     draw_case(case, tmp_path / "case.png")

@@ -27,7 +27,7 @@ from palpate.validation.metrics.body import Body, spring_force, spring_stiffness
 from palpate.validation.metrics.difference import make_state
 from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 from palpate.validation.report.pictures import draw_case
-from palpate.validation.report.preview import look_at
+from palpate.validation.report.preview import describe_case
 
 Write = Callable[..., Path]
 CLAMP = "[[support]]\nregion = { half_space = { point = [0.001, 0.0, 0.0], "
@@ -72,7 +72,7 @@ def test_a_normal_holds_along_it_alone(write_case: Write) -> None:
     case = load_case(slanted(write_case))
     problem = case.problem
     assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
-    lines = "\n".join(look_at(case).lines)
+    lines = "\n".join(describe_case(case).lines)
     assert "slides along its plane, normal [0, 0.6, 0.8], fixed" in lines
     slopes = sliding_points(problem)
     assert slopes is not None
@@ -117,7 +117,7 @@ def test_a_turned_face(write_case: Write, tmp_path: Path) -> None:
     case = load_case(write_case((CLAMP, TURNED)))
     support = case.problem.supports[1]
     assert support.rotation == Rotation((1.0, 0.0, 0.0), (2.0, 0.5, 0.5), np.deg2rad(30.0))
-    lines = "\n".join(look_at(case).lines)
+    lines = "\n".join(describe_case(case).lines)
     assert "turned by 30 degrees about [1, 0, 0] through [2, 0.5, 0.5] m" in lines
     draw_case(case, tmp_path / "case.png")
     found = solve_static(case.problem).displacement
@@ -162,7 +162,7 @@ def test_a_motion_starts_with_a_velocity_and_needs_no_support(
     case = load_case(path)
     problem = case.problem
     assert problem.initial_velocity == InitialVelocity((0, 0, 1), (0, 2, 0), (1.0, 0.5, 0.5))
-    assert any(line.startswith("starts") for line in look_at(case).lines)
+    assert any(line.startswith("starts") for line in describe_case(case).lines)
     ours = simulate(problem, strain=case.strain)
     stepper = Stepper(Body(problem, case.strain), 1e-3, 5, 4)
     theirs = np.array(list(stepper.outputs(MotionHypothesis())))
@@ -329,7 +329,7 @@ def test_the_judge_finds_the_answer_in_balance(write_case: Write, element: Eleme
 
 def test_what_is_told_drawn_and_written_out(write_case: Write, tmp_path: Path) -> None:
     case = case_of(write_case)
-    told = look_at(case).lines
+    told = describe_case(case).lines
     assert any(line.startswith("spring 1") and "80 N/m over" in line for line in told), told
     draw_case(case, tmp_path / "case.png")
     write_case_folder(tmp_path / "out", case.problem, Strain.GREEN, name="block")

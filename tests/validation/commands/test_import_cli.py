@@ -13,7 +13,7 @@ from palpate.validation.case import load_case
 from palpate.validation.commands.case_files import import_model
 from palpate.validation.importing import UnitSystem
 from palpate.validation.output_files import OutputError
-from palpate.validation.report.preview import look_at
+from palpate.validation.report.preview import describe_case
 
 MODEL = """*HEADING
 One cell
@@ -56,7 +56,7 @@ def test_a_model_becomes_a_case_that_can_be_looked_at(
     assert "left out: line 22 *NODE FILE" in said
     assert "10 x 10 x 10 mm" in said
     assert f"palpate report {target}" in said
-    assert look_at(load_case(target)).lines[0] in said
+    assert describe_case(load_case(target)).lines[0] in said
     with pytest.raises(OutputError, match="is there already"):
         import_model(model, target, UnitSystem.MILLIMETRE_NEWTON)
     target.unlink()

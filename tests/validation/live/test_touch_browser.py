@@ -158,7 +158,7 @@ def test_all_that_is_promised_is_shown(browser: Any) -> None:
     told = dict(rows)
     assert list(told) == [
         "force [N]", "Δ volume [%]", "energy [mJ]", "smallest det F", "real-time factor",
-        "time of the bodies", "time step", "frames per second", "latency, hand to picture",
+        "time of the bodies", "time step", "frames per second", "latency, pointer to picture",
         "of it the server's",
     ]  # fmt: skip
     assert all(any(letter.isdigit() for letter in rest) for rest in told.values())

@@ -26,7 +26,7 @@ from palpate.validation.report.estimates import (
 )
 from palpate.validation.report.loads_and_tools import resultant_of
 from palpate.validation.report.pictures import draw_case
-from palpate.validation.report.preview import look_at
+from palpate.validation.report.preview import describe_case
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -96,7 +96,7 @@ def test_cells_longer_than_high_are_seen(slenderness: int) -> None:
 def test_a_body_thin_for_its_mesh_is_told_before_solving(
     name: str, cells: str, is_warned: bool
 ) -> None:
-    look = look_at(load_case(name))
+    look = describe_case(load_case(name))
     (line,) = (line for line in look.lines if line.startswith("thickness"))
     assert line.endswith(f"about {cells}")
     (line,) = (line for line in look.lines if line.startswith("bending"))
@@ -140,16 +140,16 @@ def test_there_is_no_guess_where_a_linear_solve_says_nothing() -> None:
     for name, why in (("press", "under a tool"), ("strip", "in motion")):
         case = load_case(name)
         assert guess_errors(case.problem) is None
-        (line,) = (line for line in look_at(case).lines if line.startswith("misses"))
+        (line,) = (line for line in describe_case(case).lines if line.startswith("misses"))
         assert why in line
         assert "bending alone" in line
 
 
 def test_a_mesh_too_coarse_for_what_is_asked_is_told() -> None:
     # The stiffness of silicone: 7 % off by either element, where 5 % is asked.
-    warned = [w for w in look_at(load_case("silicone")).warnings if "asks for 5 %" in w]
+    warned = [w for w in describe_case(load_case("silicone")).warnings if "asks for 5 %" in w]
     assert len(warned) == 1
-    assert not any("asks for" in warning for warning in look_at(load_case("pinch")).warnings)
+    assert not any("asks for" in warning for warning in describe_case(load_case("pinch")).warnings)
     # An error that falls as h^1.5 is an eighth on edges a quarter as long.
     assert edge_that_would_do(0.08, 0.01) == pytest.approx(0.25)
 
@@ -171,7 +171,7 @@ def test_forces_and_areas_are_those_of_the_loads(problem: Problem) -> None:
 
 def test_unknowns_and_steps_are_counted() -> None:
     case = load_case("block-motion")
-    problem, lines = case.problem, "\n".join(look_at(case).lines)
+    problem, lines = case.problem, "\n".join(describe_case(case).lines)
     assert problem.time is not None
     assert problem.time.time_step is not None
     ends = problem.mesh.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
@@ -208,14 +208,14 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
 def test_what_looks_wrong_is_told(
     write_case: Callable[..., Path], old: str, new: str, told: str
 ) -> None:
-    look = look_at(load_case(write_case((old, new))))
+    look = describe_case(load_case(write_case((old, new))))
     assert any(told in warning for warning in look.warnings), look.warnings
 
 
 def test_a_case_in_which_nothing_acts_or_is_checked_is_told() -> None:
     case = load_case("block")
     bare = dataclasses.replace(case, spec=case.spec.model_copy(update={"load": (), "check": ()}))
-    warnings = " ".join(look_at(bare).warnings)
+    warnings = " ".join(describe_case(bare).warnings)
     assert "nothing pushes or moves the body" in warnings
     assert "no [[check]]" in warnings
 

@@ -4,22 +4,22 @@
 
 const VERTEX = `#version 300 es
 in vec3 rest; in vec3 motion; in float value;
-uniform mat3 turn; uniform vec2 zoom; uniform float share; uniform vec2 centre; uniform float depth;
-out vec3 place; out float shade;
+uniform mat3 turn; uniform vec2 zoom; uniform float fraction; uniform vec2 centre; uniform float depth;
+out vec3 position; out float shade;
 void main() {
-  place = turn * (rest + share * motion);
+  position = turn * (rest + fraction * motion);
   shade = value;
-  gl_Position = vec4((place.xy - centre) * zoom, -place.z * depth, 1.0);
+  gl_Position = vec4((position.xy - centre) * zoom, -position.z * depth, 1.0);
 }`;
 
 const FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 place; in float shade;
+in vec3 position; in float shade;
 uniform sampler2D colours; uniform vec4 plain; uniform int mode;
 out vec4 colour;
 void main() {
   if (mode == 2) { colour = plain; return; }
-  vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
+  vec3 normal = normalize(cross(dFdx(position), dFdy(position)));
   float light = 0.55 + 0.45 * abs(dot(normal, normalize(vec3(0.25, 0.35, 1.0))));
   vec3 base = plain.rgb;
   if (mode == 1) base = texture(colours, vec2(clamp(shade, 0.0, 1.0), 0.5)).rgb;
@@ -67,7 +67,7 @@ function digits(value) {
 
 // A canvas with views, one for each entry of `shown`: { name, mode, ... }. Whoever extends it sets
 // `half` and `middle` (what is to be seen, as first seen) and says by `stateOf` what a view shows:
-// { motion, shade, share, lineShare }: how far its facets and its lines are moved.
+// { motion, shade, fraction, lineFraction }: how far its facets and its lines are moved.
 class Stage {
   // body: points and colours of a table, facets, half of the diagonal, and of the first look the
   // eye's turn and level or the axis along which it looks.
@@ -81,7 +81,7 @@ class Stage {
     this.program = program(gl);
     gl.useProgram(this.program);
     this.uniform = {};
-    for (const name of ["turn", "zoom", "share", "centre", "depth", "colours", "plain", "mode"])
+    for (const name of ["turn", "zoom", "fraction", "centre", "depth", "colours", "plain", "mode"])
       this.uniform[name] = gl.getUniformLocation(this.program, name);
     this.buffers = { rest: gl.createBuffer(), motion: gl.createBuffer(), value: gl.createBuffer() };
     this.width = { rest: 3, motion: 3, value: 1 };
@@ -126,11 +126,11 @@ class Stage {
   }
 
   fill(name, array) {
-    const gl = this.gl, place = gl.getAttribLocation(this.program, name);
+    const gl = this.gl, position = gl.getAttribLocation(this.program, name);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[name]);
     gl.bufferData(gl.ARRAY_BUFFER, array, gl.DYNAMIC_DRAW);
-    gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, this.width[name], gl.FLOAT, false, 0, 0);
+    gl.enableVertexAttribArray(position);
+    gl.vertexAttribPointer(position, this.width[name], gl.FLOAT, false, 0, 0);
   }
 
   elements(array) {
@@ -243,18 +243,18 @@ class Stage {
     this.layout = { columns, rows, w, h, pixels, dense, centre };
     this.shown.forEach((shown, k) => {
       gl.viewport((k % columns) * w, (rows - 1 - Math.floor(k / columns)) * h, w, h);
-      const { motion, shade, share, lineShare } = this.stateOf(shown);
+      const { motion, shade, fraction, lineFraction } = this.stateOf(shown);
       this.fill("motion", motion);
       this.fill("value", shade);
       gl.uniform1i(this.uniform.mode, shown.mode);
-      gl.uniform1f(this.uniform.share, share);
+      gl.uniform1f(this.uniform.fraction, fraction);
       gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
       gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen
       gl.polygonOffset(1, 1);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
       gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
       gl.disable(gl.POLYGON_OFFSET_FILL);
-      gl.uniform1f(this.uniform.share, lineShare);
+      gl.uniform1f(this.uniform.fraction, lineFraction);
       gl.uniform1i(this.uniform.mode, 2);
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);

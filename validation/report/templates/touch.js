@@ -105,7 +105,7 @@ class Touch extends Stage {
     this.draw();
   }
 
-  stateOf(shown) { return { motion: shown.motion, shade: this.errors && shown.error ? shown.error : shown.shade, share: 1, lineShare: 1 }; }
+  stateOf(shown) { return { motion: shown.motion, shade: this.errors && shown.error ? shown.error : shown.shade, fraction: 1, lineFraction: 1 }; }
 
   // The tool, and where the anchor of a grip is, in every view.
   drawBeside() {
@@ -327,7 +327,7 @@ class Page {
       this.status("");
       $("about").textContent = `${note.cells} cells, mass damping ${digits(note.damping)} /s.`;
       $("step").textContent = `${digits(1e3 * note.time_step)} ms`;
-      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to less than half of its volume, or the tool parts the surface's vertices, it is held back. ${note.notes.join(" ")}`;
+      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to less than half of its volume, or the tool parts the surface's vertices, it is stopped. ${note.notes.join(" ")}`;
       if ($("loads")) $("loads").checked = note.has_loads;
     } else if (note.kind === "judged") {
       // An answer that was not found takes nothing from the one before it.
@@ -371,7 +371,7 @@ class Page {
     if (!(now - this.toldAt < 100)) { this.toldAt = now; this.numbers(head, sizes); }
     const troubled = head.panes.some((pane) => pane.trouble);
     $("warning").hidden = !head.held_back && !head.paused;
-    $("warning").textContent = head.paused ? "paused" : "the tissue takes no more here: the tool is held back";
+    $("warning").textContent = head.paused ? "paused" : "the tissue takes no more here: the tool is stopped";
     if (!stage.errors) stage.views.forEach((view, k) => {
       view.querySelector(".name").textContent = `${stage.shown[k].name}${head.panes[k].trouble ? ": stopped; reset to go on" : ""}`;
       view.querySelector(".name").classList.toggle("trouble", Boolean(head.panes[k].trouble));

@@ -51,7 +51,7 @@ class Viewer extends Stage {
     this.choice.addEventListener("change", () => { this.choose(); this.draw(); });
   }
 
-  // Tools, arrows of loads, and the edges of what is held.
+  // Tools, arrows of loads, and the edges of what is fixed.
   makeBeside() {
     const scene = this.scene;
     this.tools = scene.tools.map((tool) => ({ poses: unpack(tool.poses, Float32Array),
@@ -65,10 +65,10 @@ class Viewer extends Stage {
       facets.push(...arrow.facets.map((row) => row + first));
     }
     this.arrows = facets.length ? this.solid(Float32Array.from(points), Uint32Array.from(facets)) : null;
-    const held = [];
+    const fixed = [];
     for (let k = 0; k < this.edges.length; k += 2)
-      if (this.marks[this.edges[k]] === 1 && this.marks[this.edges[k + 1]] === 1) held.push(this.edges[k], this.edges[k + 1]);
-    this.held = { count: held.length, lines: this.elements(Uint32Array.from(held)) };
+      if (this.marks[this.edges[k]] === 1 && this.marks[this.edges[k + 1]] === 1) fixed.push(this.edges[k], this.edges[k + 1]);
+    this.supports = { count: fixed.length, lines: this.elements(Uint32Array.from(fixed)) };
   }
 
   // A tool's points at a time.
@@ -125,15 +125,15 @@ class Viewer extends Stage {
 
   drawBeside(shown) {
     const gl = this.gl, { frame } = this.moment();
-    // What is held is outlined where it is now.
-    const { motion, share } = this.stateOf(shown);
+    // What is fixed is outlined where it is now.
+    const { motion, fraction } = this.stateOf(shown);
     this.fill("motion", motion);
-    gl.uniform1f(this.uniform.share, share);
+    gl.uniform1f(this.uniform.fraction, fraction);
     gl.uniform1i(this.uniform.mode, 2);
     gl.uniform4f(this.uniform.plain, ...HELD);
     gl.depthFunc(gl.LEQUAL);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.held.lines);
-    gl.drawElements(gl.LINES, this.held.count, gl.UNSIGNED_INT, 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.supports.lines);
+    gl.drawElements(gl.LINES, this.supports.count, gl.UNSIGNED_INT, 0);
     gl.depthFunc(gl.LESS);
     // Arrows stand where the loads act on the body at rest.
     if (this.arrows) this.drawSolid(this.arrows, this.arrows.points, PUSHED);
@@ -161,21 +161,21 @@ class Viewer extends Stage {
     });
   }
 
-  // Statics: a share of the displacement. A motion: one of its stored times.
+  // Statics: a fraction of the displacement. A motion: one of its stored times.
   stateOf(shown) {
-    const { frame, share } = this.moment();
+    const { frame, fraction } = this.moment();
     const motion = shown.mode === 0 ? shown.motion : this.frameOf(shown.motion, 3, frame);
-    return { motion, shade: this.shadeOf(shown, motion, share, frame), share, lineShare: shown.mode === 0 ? share : 0 };
+    return { motion, shade: this.shadeOf(shown, motion, fraction, frame), fraction, lineFraction: shown.mode === 0 ? fraction : 0 };
   }
 
   moment() {
     const times = this.scene.times, at = Number(this.slider.value);
-    return times ? { frame: at, share: 1 } : { frame: 0, share: at };
+    return times ? { frame: at, fraction: 1 } : { frame: 0, fraction: at };
   }
 
   paint() {
-    const { frame, share } = this.moment(), times = this.scene.times;
-    this.root.querySelector("output").textContent = times ? `${times[frame].toPrecision(3)} s` : `${Math.round(100 * share)} %`;
+    const { frame, fraction } = this.moment(), times = this.scene.times;
+    this.root.querySelector("output").textContent = times ? `${times[frame].toPrecision(3)} s` : `${Math.round(100 * fraction)} %`;
     super.paint();
   }
 
@@ -184,12 +184,12 @@ class Viewer extends Stage {
   }
 
   // Marks as they are; lengths from 0 to 1: of the displacement shown, or of an error.
-  shadeOf(shown, motion, share, frame) {
+  shadeOf(shown, motion, fraction, frame) {
     if (shown.mode === 0) return shown.value;
     const most = shown.largest || 1;
     if (shown.value) return this.frameOf(shown.value, 1, frame).map((x) => x / most);
     const out = new Float32Array(this.count);
-    for (let k = 0; k < this.count; ++k) out[k] = share * Math.hypot(motion[3 * k], motion[3 * k + 1], motion[3 * k + 2]) / most;
+    for (let k = 0; k < this.count; ++k) out[k] = fraction * Math.hypot(motion[3 * k], motion[3 * k + 1], motion[3 * k + 2]) / most;
     return out;
   }
 }
