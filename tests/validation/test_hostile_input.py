@@ -1,76 +1,22 @@
 """Files with something wrong in them end in a refusal or a verdict, never in an inner error.
 
-Each is a whole, valid file in which bytes were turned, left out or doubled, or a word was put in
-place of another; with a fixed seed, so that a failure comes back.
+Each is a whole, valid file that was damaged.
 """
 
-from __future__ import annotations
-
 import re
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from damage import damaged_copies, only_refusals
 
-from palpate.meshes.errors import InputError
 from palpate.meshes.files import read_mesh, read_surface, write_mesh, write_surface
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import CaseResult
 from palpate.validation.judging.run_comparison import compare_runs
-from palpate.validation.states import CandidateFailedError
-
-WORDS = (
-    b"nan", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-1", b"3", b"true", b"null", b'"x"',
-    b"[]", b"{}", b"[[[[[[", b"1" + b"0" * 350, b"2147483648", b"1e400", b"\x00", b"\xff\xfe",
-    b"\\u0000", b"=", b"2020-01-01", b'"\\ud800"', b"\n", b"..", b"/dev/zero",
-)  # fmt: skip
-_TOKEN = re.compile(rb"[\w.+-]+|[\[\]{}\"=,:<>/]")
-
-
-def mutants(whole: bytes, count: int, seed: int) -> Iterator[bytes]:
-    """So many damaged copies of a file, each with one to three wounds."""
-    rng = np.random.default_rng(seed)
-    tokens = [m.span() for m in _TOKEN.finditer(whole)]
-    for _ in range(count):
-        data = whole
-        for _ in range(int(rng.integers(1, 4))):
-            kind = rng.integers(5)
-            start = int(rng.integers(max(len(data), 1)))
-            stop = start + int(rng.integers(1, 40))
-            if kind == 0:
-                flipped = bytes(b ^ int(rng.integers(1, 256)) for b in data[start : start + 1])
-                data = data[:start] + flipped + data[start + 1 :]
-            elif kind == 1:
-                data = data[:start] + data[stop:]
-            elif kind == 2:
-                data = data[:stop] + data[start:]
-            else:
-                first, last = tokens[int(rng.integers(len(tokens)))]
-                data = data[:first] + WORDS[int(rng.integers(len(WORDS)))] + data[last:]
-        yield data
-
-
-@contextmanager
-def only_refusals(data: bytes) -> Iterator[None]:
-    """Numbers may overflow here; what comes of it may only be a refusal or a failed candidate."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except (InputError, CandidateFailedError):
-        return
-    except Exception as error:
-        raise AssertionError(f"{type(error).__name__}: {error}; input {data!r}"[:6000]) from error
-
 
 # A case with most tables in it, whose mesh is a file of a few cells.
 CASE = b"""
@@ -148,24 +94,19 @@ question = "why"
 """
 
 
-def test_the_case_that_is_damaged_is_whole_itself(tmp_path: Path, problem: Problem) -> None:
-    write_mesh(tmp_path / "block.vtu", scaled(problem))
+@pytest.fixture
+def path(tmp_path, problem):
+    """The whole case, with its mesh in millimetres beside it."""
+    mesh = TetMesh(1e3 * problem.mesh.points, problem.mesh.cells)
+    write_mesh(tmp_path / "block.vtu", mesh)
     (tmp_path / "case.toml").write_bytes(CASE)
     assert load_case(tmp_path / "case.toml").problem.tools
-
-
-def scaled(problem: Problem) -> TetMesh:
-    """In millimetres, as the case is."""
-    return TetMesh(1e3 * problem.mesh.points, problem.mesh.cells)
+    return tmp_path / "case.toml"
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_damaged_case_is_refused_or_makes_a_problem(
-    tmp_path: Path, problem: Problem, seed: int
-) -> None:
-    write_mesh(tmp_path / "block.vtu", scaled(problem))
-    path = tmp_path / "case.toml"
-    for data in mutants(CASE, 250, seed):
+def test_a_damaged_case_is_refused_or_makes_a_problem(path, seed):
+    for data in damaged_copies(CASE, 250, seed):
         path.write_bytes(data)
         with only_refusals(data):
             case = load_case(path)
@@ -181,11 +122,8 @@ EXTREMES = (
 )  # fmt: skip
 
 
-def test_a_case_with_extreme_numbers_is_refused_or_makes_a_problem(
-    tmp_path: Path, problem: Problem
-) -> None:
-    write_mesh(tmp_path / "block.vtu", scaled(problem))
-    path, rng = tmp_path / "case.toml", np.random.default_rng(8)
+def test_a_case_with_extreme_numbers_is_refused_or_makes_a_problem(path):
+    rng = np.random.default_rng(8)
     spans = [m.span() for m in NUMBER.finditer(CASE)]
     for first, last in spans:
         for word in EXTREMES:
@@ -201,22 +139,20 @@ def test_a_case_with_extreme_numbers_is_refused_or_makes_a_problem(
 
 
 @pytest.fixture(scope="module")
-def judged() -> CaseResult:
+def judged():
     return judge_case(load_case("block"))
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_damaged_accepted_result_is_refused_or_compared(
-    tmp_path: Path, judged: CaseResult, seed: int
-) -> None:
+def test_a_damaged_accepted_result_is_refused_or_compared(tmp_path, judged, seed):
     whole, path = outputs.results_json([judged], "1").encode(), tmp_path / "accepted.json"
-    for data in mutants(whole, 250, seed):
+    for data in damaged_copies(whole, 250, seed):
         path.write_bytes(data)
         with only_refusals(data):
             compare_runs(path, path)
 
 
-def packed_npz(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> bytes:
+def packed_npz(folder, problem, answer):
     np.savez_compressed(
         folder / "whole.npz", displacement=answer, points=problem.mesh.points,
         cells=problem.mesh.cells, about='{"tool": "x", "tool_forces": [[0.0, 1.0, 2.0]]}',
@@ -224,7 +160,7 @@ def packed_npz(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> b
     return (folder / "whole.npz").read_bytes()
 
 
-def plain_npz(folder: Path, _problem: Problem, answer: NDArray[np.float64]) -> bytes:
+def plain_npz(folder, _problem, answer):
     order = np.arange(len(answer))
     np.savez(
         folder / "whole.npz", displacement=np.stack([0 * answer, answer]), original_id=order,
@@ -233,12 +169,12 @@ def plain_npz(folder: Path, _problem: Problem, answer: NDArray[np.float64]) -> b
     return (folder / "whole.npz").read_bytes()
 
 
-def packed_vtu(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> bytes:
+def packed_vtu(folder, problem, answer):
     write_mesh(folder / "whole.vtu", problem.mesh, point_data={"displacement": answer})
     return (folder / "whole.vtu").read_bytes()
 
 
-def text_vtu(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> bytes:
+def text_vtu(folder, problem, answer):
     import meshio
 
     mesh = problem.mesh
@@ -249,7 +185,7 @@ def text_vtu(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> byt
     return (folder / "whole.vtu").read_bytes()
 
 
-def table_csv(_folder: Path, _problem: Problem, answer: NDArray[np.float64]) -> bytes:
+def table_csv(_folder, _problem, answer):
     rows = [",".join(f"{x:.17g}" for x in row) for row in answer]
     return "\n".join(["ux,uy,uz", *rows]).encode()
 
@@ -263,25 +199,18 @@ def table_csv(_folder: Path, _problem: Problem, answer: NDArray[np.float64]) -> 
     ],
 )  # fmt: skip
 def test_a_damaged_result_is_refused_failed_or_a_state(
-    tmp_path: Path,
-    problem: Problem,
-    answer: NDArray[np.float64],
-    suffix: str,
-    write: Callable[[Path, Problem, NDArray[np.float64]], bytes],
-    seed: int,
-) -> None:
+    tmp_path, problem, answer, suffix, write, seed
+):
     whole = write(tmp_path, problem, answer)
     path = tmp_path / f"r.{suffix}"
-    for data in [whole, *mutants(whole, 120, seed)]:
+    for data in [whole, *damaged_copies(whole, 120, seed)]:
         path.write_bytes(data)
         with only_refusals(data[:200]):
             result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk", "msh", "stl", "ply", "off", "obj"])
-def test_a_damaged_mesh_or_surface_is_refused_or_read(
-    tmp_path: Path, problem: Problem, suffix: str
-) -> None:
+def test_a_damaged_mesh_or_surface_is_refused_or_read(tmp_path, problem, suffix):
     is_mesh = suffix in ("vtu", "vtk", "msh")
     path = tmp_path / f"whole.{suffix}"
     if is_mesh:
@@ -290,7 +219,7 @@ def test_a_damaged_mesh_or_surface_is_refused_or_read(
         write_surface(path, problem.mesh.surface())
     whole = path.read_bytes()
     path = tmp_path / f"x.{suffix}"
-    for data in mutants(whole, 150, 7):
+    for data in damaged_copies(whole, 150, 7):
         path.write_bytes(data)
         with only_refusals(data[:200]):
             (read_mesh if is_mesh else read_surface)(path)

@@ -9,7 +9,7 @@ Abaqus it is a law of logarithmic strain, which agrees for small strains only.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from palpate.validation.importing.model import (
     ImportRefusedError,
     Model,
     Source,
+    added,
     finite,
     whole,
 )
@@ -38,6 +39,12 @@ _HARMLESS = {
 }  # fmt: skip
 # Cards of a model of one part that is not moved in its assembly.
 _FRAME = {"PART", "END PART", "ASSEMBLY", "END ASSEMBLY", "INSTANCE", "END INSTANCE"}
+_MESH = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE"}
+_OF_MATERIALS = {"MATERIAL", "ELASTIC", "HYPERELASTIC", "DENSITY"}
+_STEP = {"STEP", "STATIC", "END STEP"}
+# Fields of a line of each kind of load, at least and at most.
+_LOADS = {"BOUNDARY": (2, 4), "CLOAD": (3, 3), "DLOAD": (3, 6), "DSLOAD": (3, 3)}
+_KNOWN = {"HEADING", "SOLID SECTION", "AMPLITUDE", *_FRAME, *_MESH, *_OF_MATERIALS, *_STEP, *_LOADS}
 # Other cards below *MATERIAL that do not change an equilibrium at one temperature.
 _HARMLESS_OF_MATERIALS = {"DAMPING", "CONDUCTIVITY", "SPECIFIC HEAT"}
 _HYPERELASTIC = ("NEO HOOKE", "MOONEY-RIVLIN")
@@ -55,188 +62,141 @@ def read_abaqus(path: Path) -> Model:
         ImportRefusedError: What a case cannot say, with its line.
         FileFormatError: A file that cannot be opened.
     """
-    reader = _Reader(path)
-    for card in read_cards(path):
-        reader.take(card)
-    return reader.model()
+    cards = read_cards(path)
+    ignored = _left_out(cards)
+    _require_one_part(cards)
+    is_green, end_time = _step(path, cards)
+    mesh = AbaqusMesh(cards)
+    materials = _materials(cards)
+    sections = [card for card in cards if card.keyword == "SOLID SECTION"]
+    bodies, body_of = _bodies(path, mesh, materials, sections)
+    notes = mesh.notes()
+    for body in bodies:
+        if "law" in body.constants and not is_green:
+            raise body.source.refuse(
+                "*HYPERELASTIC in a step without NLGEOM: programs differ in what that is; say "
+                "NLGEOM, or *ELASTIC"
+            )
+    if is_green and any("law" not in body.constants for body in bodies):
+        notes.append(
+            "*ELASTIC under NLGEOM is read as CalculiX has it, Saint-Venant-Kirchhoff; in Abaqus "
+            "it is a law of logarithmic strain, which agrees for small strains only"
+        )
+        for body in bodies:
+            body.constants.setdefault("law", str(Law.SAINT_VENANT_KIRCHHOFF))
+    headings = [fields for c in cards if c.keyword == "HEADING" for _, fields in c.lines]
+    model = Model(
+        path,
+        "Abaqus or CalculiX",
+        *mesh.arrays(),
+        bodies,
+        body_of,
+        np.array(list(mesh.nodes), dtype=np.int64),
+        title=" ".join(", ".join(fields) for fields in headings)[:80].strip(),
+        strain=Strain.GREEN if is_green else Strain.LINEAR,
+        notes=notes,
+        ignored=ignored,
+    )
+    amplitudes = {c.require("NAME"): c for c in cards if c.keyword == "AMPLITUDE"}
+    loads = [card for card in cards if card.keyword in _LOADS]
+    _Loads(model, mesh, amplitudes, end_time).put(loads)
+    return model
 
 
-class _Reader:
-    """Card by card; materials and loads are put together when all of the mesh is known."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.title, self.mesh = path, "", AbaqusMesh()
-        self.ignored: list[str] = []
-        self.frame: set[str] = set()
-        self.step: Card | None = None
-        self.is_ended = self.has_static = False
-        self.end_time = 1.0
-        self.material: str | None = None
-        self.materials: dict[str, Card] = {}
-        self.constants: dict[str, dict[str, Any]] = {}
-        self.densities: dict[str, float] = {}
-        self.sections: list[Card] = []
-        self.amplitudes: dict[str, Card] = {}
-        self.loads: list[Card] = []
-        self.takers: dict[str, Callable[[Card], object]] = {
-            **self.mesh.takers,
-            **dict.fromkeys(_FRAME, self._frame),
-            **dict.fromkeys(("STEP", "STATIC", "END STEP"), self._step),
-            **dict.fromkeys(("MATERIAL", "ELASTIC", "HYPERELASTIC", "DENSITY"), self._material),
-            **dict.fromkeys(("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD"), self.loads.append),
-            "SOLID SECTION": self._section,
-            "AMPLITUDE": self._amplitude,
-        }
-
-    def take(self, card: Card) -> None:
-        """Read a card.
-
-        Raises:
-            ImportRefusedError: A keyword that is not known, or what it says is not.
-        """
-        if card.keyword == "HEADING":
-            self.title = " ".join(", ".join(fields) for _, fields in card.lines)[:80].strip()
-        elif card.keyword in self.takers:
-            self.takers[card.keyword](card)
-        elif card.keyword in _HARMLESS or (
-            card.keyword in _HARMLESS_OF_MATERIALS and self.material is not None
-        ):
-            self.ignored.append(f"line {card.source.line} *{card.keyword}")
-        else:
+def _left_out(cards: list[Card]) -> list[str]:
+    """The cards that are left out because no mechanics depend on them; others are refused."""
+    ignored, in_material = [], False
+    for card in cards:
+        in_material = in_material or card.keyword == "MATERIAL"
+        if card.keyword in _HARMLESS or (in_material and card.keyword in _HARMLESS_OF_MATERIALS):
+            ignored.append(f"line {card.source.line} *{card.keyword}")
+        elif card.keyword not in _KNOWN:
             raise card.refuse(
                 f"*{card.keyword[:40]} is not known here: it may change the mechanics, so nothing "
                 "is imported; take it out if it does not matter"
             )
+    return ignored
 
-    def _frame(self, card: Card) -> None:
-        if not card.keyword.startswith("END"):
-            if card.keyword in self.frame:
-                raise card.refuse(f"a second *{card.keyword}; a case has one body")
-            self.frame.add(card.keyword)
+
+def _require_one_part(cards: list[Card]) -> None:
+    """Refuse several parts, and one that its assembly moves or turns by data of *INSTANCE."""
+    seen: set[str] = set()
+    for card in (card for card in cards if card.keyword in _FRAME):
+        if card.keyword in seen and not card.keyword.startswith("END"):
+            raise card.refuse(f"a second *{card.keyword}; a case has one body")
+        seen.add(card.keyword)
         if card.lines:
-            # Data of *INSTANCE turn or move the part.
             raise card.lines[0][0].refuse(f"*{card.keyword}: a part that is moved or turned")
 
-    def _step(self, card: Card) -> None:
+
+def _step(path: Path, cards: list[Card]) -> tuple[bool, float]:
+    """Whether the one static step is of finite strain, and the time at its end."""
+    step, is_ended, end_time = None, False, None
+    for card in cards:
         if card.keyword == "STEP":
-            if self.is_ended:
+            if is_ended:
                 raise card.refuse("a second step; a case has one state of loads: split the model")
-            card.only(
-                "NLGEOM", "INC", "INCF", "NAME", "AMPLITUDE", "UNSYMM", "EXTRAPOLATION", "SOLVER",
-                "CONVERT SDI",
-            )  # fmt: skip
-            self.step = card
+            step = card
         elif card.keyword == "STATIC":
-            if self.step is None:
+            if step is None:
                 raise card.refuse("*STATIC stands in a *STEP")
-            card.only("SOLVER", "DIRECT", "TIME RESET", "TOTAL TIME AT START")
-            self.has_static = True
             numbers = card.numbers()
-            self.end_time = numbers[1] if len(numbers) > 1 else 1.0
-        else:
-            self.is_ended = True
-
-    def _amplitude(self, card: Card) -> None:
-        card.only("NAME", "TIME", "VALUE", "DEFINITION", "SMOOTH")
-        self.amplitudes[card.require("NAME")] = card
-
-    def _section(self, card: Card) -> None:
-        card.only("ELSET", "MATERIAL", "CONTROLS")
-        self.sections.append(card)
-
-    def _material(self, card: Card) -> None:
-        if card.keyword == "MATERIAL":
-            card.only("NAME")
-            self.material = card.require("NAME")
-            if self.material in self.materials:
-                raise card.refuse(f"material {self.material} is there twice")
-            self.materials[self.material] = card
-            return
-        if self.material is None:
-            raise card.refuse(f"*{card.keyword} stands below a *MATERIAL")
-        if card.keyword == "DENSITY":
-            card.only()
-            self.densities[self.material] = _exactly(card, 1)[0]
-            return
-        constants = _elastic(card) if card.keyword == "ELASTIC" else _hyperelastic(card)
-        if self.material in self.constants:
-            raise card.refuse(f"material {self.material} has two laws")
-        self.constants[self.material] = constants
-
-    def model(self) -> Model:
-        """All that was read.
-
-        Raises:
-            ImportRefusedError: Something is missing or contradicts.
-        """
-        if self.step is None or not self.has_static:
-            raise ImportRefusedError(
-                self.path, None, "has no *STEP with *STATIC: an import is of equilibrium"
-            )
-        self.mesh.finish()
-        nodes, corners, middles = self.mesh.arrays()
-        bodies, body_of = self._bodies()
-        is_green = self.step.parameters.get("NLGEOM", "NO").upper() != "NO"
-        model = Model(
-            self.path,
-            "Abaqus or CalculiX",
-            nodes,
-            corners,
-            middles,
-            bodies,
-            body_of,
-            np.array(list(self.mesh.nodes), dtype=np.int64),
-            title=self.title,
-            strain=Strain.GREEN if is_green else Strain.LINEAR,
-            notes=self.mesh.notes(),
-            ignored=self.ignored,
+            end_time = numbers[1] if len(numbers) > 1 else 1.0
+        is_ended = is_ended or card.keyword == "END STEP"
+    if step is None or end_time is None:
+        raise ImportRefusedError(
+            path, None, "has no *STEP with *STATIC: an import is of equilibrium"
         )
-        for body in bodies:
-            if "law" in body.constants and not is_green:
-                raise body.source.refuse(
-                    "*HYPERELASTIC in a step without NLGEOM: programs differ in what that is; "
-                    "say NLGEOM, or *ELASTIC"
-                )
-        if is_green and any("law" not in body.constants for body in bodies):
-            model.notes.append(
-                "*ELASTIC under NLGEOM is read as CalculiX has it, Saint-Venant-Kirchhoff; in "
-                "Abaqus it is a law of logarithmic strain, which agrees for small strains only"
-            )
-            for body in bodies:
-                body.constants.setdefault("law", str(Law.SAINT_VENANT_KIRCHHOFF))
-        _Loads(model, self.mesh, self.amplitudes, self.end_time).put(self.loads)
-        return model
+    return step.parameters.get("NLGEOM", "NO").upper() != "NO", end_time
 
-    def _bodies(self) -> tuple[list[Body], NDArray[np.int64]]:
-        """Materials, and of each cell the index of its own."""
-        names: list[str] = []
-        body_of = np.full(len(self.mesh.tetrahedra), -1, dtype=np.int64)
-        for section in self.sections:
-            name = section.require("MATERIAL")
-            if name not in self.constants:
-                raise section.refuse(f"no material {name} with *ELASTIC or *HYPERELASTIC")
-            if name not in names:
-                names.append(name)
-            cells = self.mesh.cells_of(section.require("ELSET"), section.source)
-            rows = self.mesh.rows_of(cells)
-            other = body_of[rows]
-            if ((other >= 0) & (other != names.index(name))).any():
-                raise section.refuse("a cell in two sections of different materials")
-            body_of[rows] = names.index(name)
-        for cell in self.mesh.cells if (body_of < 0).any() else ():
-            if (body_of[self.mesh.rows_of([cell])] < 0).any():
-                raise ImportRefusedError(self.path, None, f"element {cell} is in no *SOLID SECTION")
-        bodies = [
-            Body(self.constants[name], self.densities.get(name), self.materials[name].source)
-            for name in names
-        ]
-        return bodies, body_of
+
+def _materials(cards: list[Card]) -> dict[str, Body]:
+    """Materials by name; those without a law have no constants."""
+    materials: dict[str, Body] = {}
+    name = None
+    for card in (card for card in cards if card.keyword in _OF_MATERIALS):
+        if card.keyword == "MATERIAL":
+            name = card.require("NAME")
+            if name in materials:
+                raise card.refuse(f"material {name} is there twice")
+            materials[name] = Body({}, None, card.source)
+        elif name is None:
+            raise card.refuse(f"*{card.keyword} stands below a *MATERIAL")
+        elif card.keyword == "DENSITY":
+            materials[name] = replace(materials[name], density=_exactly(card, 1)[0])
+        else:
+            if materials[name].constants:
+                raise card.refuse(f"material {name} has two laws")
+            constants = _elastic(card) if card.keyword == "ELASTIC" else _hyperelastic(card)
+            materials[name].constants.update(constants)
+    return materials
+
+
+def _bodies(
+    path: Path, mesh: AbaqusMesh, materials: dict[str, Body], sections: list[Card]
+) -> tuple[list[Body], NDArray[np.int64]]:
+    """Materials in use, and of each cell the index of its own."""
+    names: list[str] = []
+    body_of = np.full(len(mesh.tetrahedra), -1, dtype=np.int64)
+    for section in sections:
+        name = section.require("MATERIAL")
+        if name not in materials or not materials[name].constants:
+            raise section.refuse(f"no material {name} with *ELASTIC or *HYPERELASTIC")
+        if name not in names:
+            names.append(name)
+        rows = mesh.rows_of(mesh.cells_of(section.require("ELSET"), section.source))
+        other = body_of[rows]
+        if ((other >= 0) & (other != names.index(name))).any():
+            raise section.refuse("a cell in two sections of different materials")
+        body_of[rows] = names.index(name)
+    for cell in mesh.cells if (body_of < 0).any() else ():
+        if (body_of[mesh.rows_of([cell])] < 0).any():
+            raise ImportRefusedError(path, None, f"element {cell} is in no *SOLID SECTION")
+    return [materials[name] for name in names], body_of
 
 
 def _elastic(card: Card) -> dict[str, Any]:
-    card.only("TYPE")
-    if card.parameters.get("TYPE", "ISO").upper() not in ("ISO", "ISOTROPIC"):
-        raise card.refuse("*ELASTIC, TYPE: a case knows isotropic materials")
+    card.require_usual("TYPE", "ISO", "ISOTROPIC", reason="a case knows isotropic materials")
     modulus, ratio = _exactly(card, 2)
     return {"youngs_modulus": modulus, "poissons_ratio": ratio}
 
@@ -282,7 +242,9 @@ class _Loads:
     ) -> None:
         self.model, self.mesh, self.amplitudes, self.end_time = model, mesh, amplitudes, end_time
         self.pushed: dict[tuple[int, int], Source] = {}
-        self.pressed: set[tuple[int, int]] = set()
+        # Faces by the name and size of their pressure, with the first line that names them.
+        self.pressed: dict[tuple[str, float], tuple[Source, list[tuple[int, int]]]] = {}
+        self.pressed_faces: set[tuple[int, int]] = set()
         # Nodes that are fixed one by one, by component and displacement.
         self.singles: dict[tuple[int, float], set[int]] = {}
 
@@ -300,20 +262,29 @@ class _Loads:
         }
         seen: set[str] = set()
         for card in cards:
-            if card.parameters.get("OP", "MOD").upper() != "MOD" and card.keyword in seen:
-                raise card.refuse(
-                    f"*{card.keyword}, OP=NEW takes back what stands above; leave that out"
-                )
-            seen.add(card.keyword)
-            readers[card.keyword](card, self._factor(card))
-        # Those of one displacement are one support.
+            what = f"*{card.keyword}"
+            if card.parameters.get("OP", "MOD").upper() != "MOD" and what in seen:
+                raise card.refuse(f"{what}, OP=NEW takes back what stands above; leave that out")
+            seen.add(what)
+            if what == "*BOUNDARY":
+                card.require_usual("TYPE", "DISPLACEMENT", reason="only displacements are known")
+                if "FIXED" in card.parameters:
+                    raise card.refuse(f"{what}, FIXED keeps points where an earlier step left them")
+            factor = self._factor(card)
+            for source, fields in card.rows(*_LOADS[card.keyword]):
+                readers[card.keyword](fields, source, factor)
+        # Nodes of one displacement are one support.
         by_nodes: dict[tuple[int, ...], dict[int, float]] = {}
         for (axis, value), rows in self.singles.items():
             by_nodes.setdefault(tuple(sorted(rows)), {})[axis] = value
         for nodes, components in by_nodes.items():
             source = next(card.source for card in cards if card.keyword == "BOUNDARY")
             fixed = np.array(nodes, dtype=np.int64)
-            self.model.holds.append(FixedNodes("held", fixed, components, source))
+            self.model.supports.append(FixedNodes("fixed", fixed, components, source))
+        # Under NLGEOM a pressure follows the body, as a case's does; else both act at rest.
+        for (name, pressure), (source, faces) in self.pressed.items():
+            facets = self.mesh.facets(faces)
+            self.model.faces.append(Face(name, facets, source, pressure=pressure))
 
     def _factor(self, card: Card) -> float:
         """Value of the card's amplitude at the end of the step."""
@@ -324,8 +295,7 @@ class _Loads:
         if curve is None:
             raise card.refuse(f"no *AMPLITUDE {name[:40]}")
         for key, usual in (("DEFINITION", "TABULAR"), ("VALUE", "RELATIVE")):
-            if curve.parameters.get(key, usual).upper() != usual:
-                raise curve.refuse(f"*AMPLITUDE, {key}: only {usual} is known here")
+            curve.require_usual(key, usual, reason=f"only {usual} is known here")
         numbers = curve.numbers()
         if len(numbers) % 2 or not numbers:
             raise curve.refuse("*AMPLITUDE needs pairs of time and factor")
@@ -334,101 +304,82 @@ class _Loads:
             raise curve.refuse("the times of an amplitude have to increase")
         return float(np.interp(self.end_time, times, factors))
 
-    def _boundary(self, card: Card, factor: float) -> None:
-        card.only("OP", "AMPLITUDE", "TYPE", "FIXED", "LOAD CASE")
-        if card.parameters.get("TYPE", "DISPLACEMENT").upper() != "DISPLACEMENT":
-            raise card.refuse("*BOUNDARY, TYPE: only displacements are known here")
-        if "FIXED" in card.parameters:
-            raise card.refuse("*BOUNDARY, FIXED holds points where an earlier step left them")
-        holds = self.model.holds
-        for source, fields in card.rows(2, 4):
-            axes, value = _fixed(fields, source)
-            value = factor * value + 0.0  # no minus zero
-            if not axes:
-                self.model.ignored.append(
-                    f"line {source.line} *BOUNDARY of rotations, which solids lack"
-                )
-                continue
-            nodes = self.mesh.nodes_of(fields[0], source)
-            rows = sorted({self.mesh.row_of[node] for node in nodes})
-            if len(nodes) == 1:
-                for axis in axes:
-                    self.singles.setdefault((axis, value), set()).update(rows)
-                continue
-            components = dict.fromkeys(axes, value)
-            name = fields[0].strip('" ').rpartition(".")[2]
-            # Line after line of one set is one support.
-            if holds and holds[-1].name == name and not set(axes) & set(holds[-1].components):
-                holds[-1].components.update(components)
-            else:
-                holds.append(FixedNodes(name, np.array(rows, dtype=np.int64), components, source))
+    def _boundary(self, fields: list[str], source: Source, factor: float) -> None:
+        axes, value = _fixed(fields, source)
+        value = factor * value + 0.0  # no minus zero
+        if not axes:
+            self.model.ignored.append(
+                f"line {source.line} *BOUNDARY of rotations, which solids lack"
+            )
+            return
+        nodes = self.mesh.nodes_of(fields[0], source)
+        rows = sorted({self.mesh.row_of[node] for node in nodes})
+        if len(nodes) == 1:
+            for axis in axes:
+                self.singles.setdefault((axis, value), set()).update(rows)
+            return
+        components = dict.fromkeys(axes, value)
+        name, supports = fields[0].strip('" ').rpartition(".")[2], self.model.supports
+        # Line after line of one set is one support.
+        last = supports[-1] if supports else None
+        if last is not None and last.name == name and not set(axes) & set(last.components):
+            last.components.update(components)
+        else:
+            supports.append(FixedNodes(name, np.array(rows, dtype=np.int64), components, source))
 
-    def _cload(self, card: Card, factor: float) -> None:
-        card.only("OP", "AMPLITUDE", "LOAD CASE")
-        for source, fields in card.rows(3, 3):
-            axis = whole(fields[1], source, "*CLOAD") - 1
-            if axis not in (0, 1, 2):
-                raise source.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
-            value = factor * finite(fields[2], source, "*CLOAD")
-            for node in self.mesh.nodes_of(fields[0], source):
-                row = self.mesh.row_of[node]
-                other = self.pushed.setdefault((row, axis), source)
-                if other is not source:
-                    raise source.refuse(
-                        f"*CLOAD: node {node} is pushed along {'xyz'[axis]} in line {other.line} "
-                        "too; programs differ in whether they add: give the sum once"
-                    )
-                self.model.forces[row, axis] += value
-
-    def _dload(self, card: Card, factor: float) -> None:
-        card.only("OP", "AMPLITUDE", "LOAD CASE")
-        model, faces = self.model, dict[float, tuple[Source, list[tuple[int, int]]]]()
-        for source, fields in card.rows(3, 6):
-            kind = fields[1].strip().upper()
-            value = factor * finite(fields[2], source, "*DLOAD")
-            if kind == "GRAV":
-                self._require_whole(fields[0], source)
-                model.acceleration = _added(model.acceleration, _gravity(fields, source, value))
-            elif kind in ("BX", "BY", "BZ"):
-                self._require_whole(fields[0], source)
-                model.body_force = _added(model.body_force, value * np.eye(3)["XYZ".index(kind[1])])
-            elif len(kind) == 2 and kind[0] == "P":
-                named = self.mesh.faces_of(fields[0], kind, "P", source)
-                faces.setdefault(value, (source, []))[1].extend(named)
-            else:
+    def _cload(self, fields: list[str], source: Source, factor: float) -> None:
+        axis = whole(fields[1], source, "*CLOAD") - 1
+        if axis not in (0, 1, 2):
+            raise source.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
+        value = factor * finite(fields[2], source, "*CLOAD")
+        for node in self.mesh.nodes_of(fields[0], source):
+            row = self.mesh.row_of[node]
+            other = self.pushed.setdefault((row, axis), source)
+            if other is not source:
                 raise source.refuse(
-                    f"*DLOAD of kind {kind[:20]!r}; known here are P1 to P6, GRAV, BX, BY, BZ"
+                    f"*CLOAD: node {node} is pushed along {'xyz'[axis]} in line {other.line} too; "
+                    "programs differ in whether they add: give the sum once"
                 )
-        for pressure, (source, named) in faces.items():
-            self._press("pressed", named, source, pressure)
+            self.model.forces[row, axis] += value
 
-    def _require_whole(self, text: str, source: Source) -> None:
-        """A load by volume has to be of the whole body; an empty field is."""
-        if text.strip() and len(set(self.mesh.cells_of(text, source))) < len(self.mesh.cells):
+    def _dload(self, fields: list[str], source: Source, factor: float) -> None:
+        model, kind = self.model, fields[1].strip().upper()
+        value = factor * finite(fields[2], source, "*DLOAD")
+        if len(kind) == 2 and kind[0] == "P":
+            self._press("pressed", self.mesh.faces_of(fields[0], kind, "P", source), source, value)
+            return
+        if kind not in ("GRAV", "BX", "BY", "BZ"):
+            raise source.refuse(
+                f"*DLOAD of kind {kind[:20]!r}; known here are P1 to P6, GRAV, BX, BY, BZ"
+            )
+        # A load by volume has to be of the whole body; an empty field is.
+        part = self.mesh.cells_of(fields[0], source) if fields[0].strip() else self.mesh.cells
+        if len(set(part)) < len(self.mesh.cells):
             raise source.refuse("*DLOAD: weight of a part; a case weighs the whole body")
+        if kind == "GRAV":
+            model.acceleration = added(model.acceleration, _gravity(fields, source, value))
+        else:
+            model.body_force = added(model.body_force, value * np.eye(3)["XYZ".index(kind[1])])
 
-    def _dsload(self, card: Card, factor: float) -> None:
-        card.only("OP", "AMPLITUDE")
-        for source, fields in card.rows(3, 3):
-            kind, name = fields[1].strip().upper(), fields[0].strip('" ').upper().rpartition(".")[2]
-            if kind != "P":
-                raise source.refuse(f"*DSLOAD of kind {kind[:20]!r}; known here is P, a pressure")
-            if name not in self.mesh.surfaces:
-                raise source.refuse(f"no surface {name[:40]!r}")
-            value = factor * finite(fields[2], source, "*DSLOAD")
-            self._press(name, self.mesh.surfaces[name], source, value)
+    def _dsload(self, fields: list[str], source: Source, factor: float) -> None:
+        kind, name = fields[1].strip().upper(), fields[0].strip('" ').upper().rpartition(".")[2]
+        if kind != "P":
+            raise source.refuse(f"*DSLOAD of kind {kind[:20]!r}; known here is P, a pressure")
+        if name not in self.mesh.surfaces:
+            raise source.refuse(f"no surface {name[:40]!r}")
+        value = factor * finite(fields[2], source, "*DSLOAD")
+        self._press(name, self.mesh.surfaces[name], source, value)
 
     def _press(
         self, name: str, faces: list[tuple[int, int]], source: Source, pressure: float
     ) -> None:
-        """Under NLGEOM a pressure follows the body, as a case's does; else both act at rest."""
-        if self.pressed & set(faces):
+        if not self.pressed_faces.isdisjoint(faces):
             raise source.refuse(
                 "a face is pressed in two lines; programs differ in whether they add: give the sum "
                 "once"
             )
-        self.pressed.update(faces)
-        self.model.faces.append(Face(name, self.mesh.facets(faces), source, pressure=pressure))
+        self.pressed_faces.update(faces)
+        self.pressed.setdefault((name, pressure), (source, []))[1].extend(faces)
 
 
 def _fixed(fields: list[str], source: Source) -> tuple[list[int], float]:
@@ -452,10 +403,3 @@ def _gravity(fields: list[str], source: Source, size: float) -> NDArray[np.float
     if not length > 0.0:
         raise source.refuse("*DLOAD, GRAV: a direction of no length")
     return size * direction / length
-
-
-def _added(
-    known: tuple[float, float, float] | None, more: NDArray[np.float64]
-) -> tuple[float, float, float]:
-    x, y, z = (np.array(known or (0.0, 0.0, 0.0)) + more).tolist()
-    return x, y, z

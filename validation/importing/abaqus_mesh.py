@@ -7,7 +7,7 @@ faces, are cut into tetrahedra and triangles.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.meshes.untrusted import open_plain
 from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import (
@@ -33,6 +32,29 @@ MOST_BYTES = 256 * 1024**2
 _DEEPEST = 8
 _MOST_FILES = 100
 _PARTS = re.compile(r'\s*("[^"]*"|[^,]*)\s*(?:,|$)')
+# The parameters of each keyword that are read, or that change no mechanics.
+_PARAMETERS = {
+    "INCLUDE": ("INPUT",),
+    "NODE": ("NSET", "SYSTEM"),
+    "ELEMENT": ("TYPE", "ELSET"),
+    "NSET": ("NSET", "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL"),
+    "ELSET": ("ELSET", "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL"),
+    "SURFACE": ("NAME", "TYPE", "INTERNAL"),
+    "MATERIAL": ("NAME",),
+    "ELASTIC": ("TYPE",),
+    "DENSITY": (),
+    "SOLID SECTION": ("ELSET", "MATERIAL", "CONTROLS"),
+    "AMPLITUDE": ("NAME", "TIME", "VALUE", "DEFINITION", "SMOOTH"),
+    "STEP": (
+        "NLGEOM", "INC", "INCF", "NAME", "AMPLITUDE", "UNSYMM", "EXTRAPOLATION", "SOLVER",
+        "CONVERT SDI",
+    ),
+    "STATIC": ("SOLVER", "DIRECT", "TIME RESET", "TOTAL TIME AT START"),
+    "BOUNDARY": ("OP", "AMPLITUDE", "TYPE", "FIXED", "LOAD CASE"),
+    "CLOAD": ("OP", "AMPLITUDE", "LOAD CASE"),
+    "DLOAD": ("OP", "AMPLITUDE", "LOAD CASE"),
+    "DSLOAD": ("OP", "AMPLITUDE"),
+}  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -48,20 +70,16 @@ class Card:
         """The error that names its line."""
         return self.source.refuse(reason)
 
-    def only(self, *names: str) -> None:
-        """Refuse parameters beside these."""
-        for name in self.parameters:
-            if name not in names:
-                known = ", ".join(names) or "none"
-                raise self.refuse(
-                    f"*{self.keyword}: parameter {name[:40]} is not known here (known: {known})"
-                )
-
     def require(self, name: str) -> str:
         """A parameter that has to be there, in capitals."""
         if not self.parameters.get(name):
             raise self.refuse(f"*{self.keyword} needs the parameter {name}=...")
         return self.parameters[name].upper()
+
+    def require_usual(self, name: str, *usual: str, reason: str) -> None:
+        """Refuse a parameter that is there with another value than these."""
+        if self.parameters.get(name, usual[0]).upper() not in usual:
+            raise self.refuse(f"*{self.keyword}, {name}: {reason}")
 
     def numbers(self) -> list[float]:
         """All fields of its data lines as numbers; empty ones are left out."""
@@ -131,9 +149,7 @@ class _Reader:
                 continue
             if depth >= _DEEPEST or self.num_files >= _MOST_FILES:
                 raise card.refuse("*INCLUDE: files include files without end")
-            card.only("INPUT")
-            if not card.parameters.get("INPUT"):
-                raise card.refuse("*INCLUDE needs the parameter INPUT=...")
+            card.require("INPUT")
             self.read(inside_folder(self.folder, card.parameters["INPUT"]), depth + 1)
 
     def _data(self, path: Path, number: int, line: str) -> None:
@@ -153,6 +169,13 @@ def _card(line: str, source: Source) -> Card:
         name, _, value = word.partition("=")
         if name.strip():
             parameters[name.strip().upper()] = value.strip().strip('"')
+    known = _PARAMETERS.get(keyword, parameters)
+    for name in parameters:
+        if name not in known:
+            raise source.refuse(
+                f"*{keyword}: parameter {name[:40]} is not known here (known: "
+                f"{', '.join(known) or 'none'})"
+            )
     return Card(keyword, parameters, source)
 
 
@@ -173,45 +196,40 @@ _TYPES = {
     "C3D8": 8, "C3D8R": 8, "C3D8I": 8, "C3D8H": 8, "C3D8RH": 8, "C3D8IH": 8, "C3D8T": 8,
     "C3D6": 6, "C3D6H": 6, "C3D5": 5, "C3D5H": 5,
 }  # fmt: skip
-# The corner opposite each face: Abaqus Analysis User's Guide, "Three-dimensional solid element
-# library"; CalculiX's manual, "Four-node tetrahedral element": 1-2-3, 1-4-2, 2-4-3, 3-4-1.
-OPPOSITE = {1: 3, 2: 2, 3: 0, 4: 1}
 
 
-@dataclass(eq=False)
 class AbaqusMesh:
     """By the file's own numbers: nodes, cells and named sets of them; names in capitals.
 
-    `kinds` says of each type of element how many there are.
+    Attributes:
+        tetrahedra: Rows of nodes, of all cells; `row_of` says of each node which row it is.
+        kinds: Of each type of element how many there are.
     """
 
-    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    cells: dict[int, list[int]] = field(default_factory=dict)
-    node_sets: dict[str, list[int]] = field(default_factory=dict)
-    cell_sets: dict[str, list[int]] = field(default_factory=dict)
-    surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    kinds: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def takers(self) -> dict[str, Callable[[Card], None]]:
-        """Which method reads which card."""
-        return {
+    def __init__(self, cards: Iterable[Card]) -> None:
+        self.nodes: dict[int, tuple[float, float, float]] = {}
+        self.cells: dict[int, list[int]] = {}
+        self.node_sets: dict[str, list[int]] = {}
+        self.cell_sets: dict[str, list[int]] = {}
+        self.surfaces: dict[str, list[tuple[int, int]]] = {}
+        self.kinds: dict[str, int] = {}
+        readers = {
             "NODE": self._node,
             "ELEMENT": self._element,
             "NSET": self._set,
             "ELSET": self._set,
             "SURFACE": self._surface,
         }
-
-    def finish(self) -> None:
-        """Number rows; after all cards of the mesh."""
+        for card in cards:
+            if card.keyword in readers:
+                readers[card.keyword](card)
         self.row_of = {label: row for row, label in enumerate(self.nodes)}
         self._rows_of: dict[int, range] = {}
         self.tetrahedra: list[tuple[int, ...]] = []
         for label, nodes in self.cells.items():
             rows = [self.row_of[node] for node in nodes]
             begin = len(self.tetrahedra)
-            self.tetrahedra += cut_cell(rows) if len(rows) in FACES else [tuple(rows)]
+            self.tetrahedra += [tuple(rows)] if len(rows) in (4, 10) else cut_cell(rows)
             self._rows_of[label] = range(begin, len(self.tetrahedra))
 
     def rows_of(self, cells: Collection[int]) -> list[int]:
@@ -224,13 +242,13 @@ class AbaqusMesh:
             f"{count} cells of type {kind} are cut into tetrahedra: the same body where faces are "
             "flat, on another mesh"
             for kind, count in self.kinds.items()
-            if _TYPES[kind] in FACES
+            if _TYPES[kind] not in (4, 10)
         ]
 
     def _node(self, card: Card) -> None:
-        card.only("NSET", "SYSTEM")
-        if card.parameters.get("SYSTEM", "R").upper() != "R":
-            raise card.refuse("*NODE, SYSTEM: coordinates in another system; write them in x, y, z")
+        card.require_usual(
+            "SYSTEM", "R", reason="coordinates in another system; write them in x, y, z"
+        )
         new = []
         for source, fields in card.rows(1, 7):
             label = whole(fields[0], source, "*NODE")
@@ -238,13 +256,12 @@ class AbaqusMesh:
             given = [*fields[1:4], "", "", ""][:3]
             x, y, z = (finite(text or "0", source, "*NODE") for text in given)
             if self.nodes.setdefault(label, (x, y, z)) != (x, y, z):
-                raise source.refuse(f"node {label} is there twice, at different places")
+                raise source.refuse(f"node {label} is there twice, at different positions")
             new.append(label)
         if "NSET" in card.parameters:
             self.node_sets.setdefault(card.require("NSET"), []).extend(new)
 
     def _element(self, card: Card) -> None:
-        card.only("TYPE", "ELSET")
         kind = card.require("TYPE")
         if kind not in _TYPES:
             raise card.refuse(
@@ -279,7 +296,6 @@ class AbaqusMesh:
         is_of_nodes = card.keyword == "NSET"
         sets = self.node_sets if is_of_nodes else self.cell_sets
         known: Collection[int] = self.nodes if is_of_nodes else self.cells
-        card.only(card.keyword, "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL")
         found: list[int] = []
         for source, fields in card.lines:
             if "GENERATE" in card.parameters:
@@ -296,10 +312,8 @@ class AbaqusMesh:
         sets.setdefault(card.require(card.keyword), []).extend(found)
 
     def _surface(self, card: Card) -> None:
-        card.only("NAME", "TYPE", "INTERNAL")
         name = card.require("NAME")
-        if card.parameters.get("TYPE", "ELEMENT").upper() != "ELEMENT":
-            raise card.refuse("*SURFACE, TYPE=NODE has no area; give faces of elements")
+        card.require_usual("TYPE", "ELEMENT", reason="points have no area; give faces of elements")
         if name in self.surfaces:
             raise card.refuse(f"surface {name} is there twice")
         faces = []
@@ -318,12 +332,12 @@ class AbaqusMesh:
         word, cells = face.strip().upper(), self.cells_of(text, source)
         number = int(word[1]) if len(word) == 2 and word[1] in "123456" else 0
         for cell in cells:
-            nodes = len(self.cells[cell])
-            most = len(FACES.get(nodes, OPPOSITE))
+            count = len(self.cells[cell])
+            most = len(FACES[count])
             if word[:1] != letter or not 1 <= number <= most:
-                what = f"a cell of {nodes} nodes" if nodes in FACES else "a tetrahedron"
                 raise source.refuse(
-                    f"{word[:20]!r} is no face of {what}: {letter}1 to {letter}{most}"
+                    f"{word[:20]!r} is no face of a cell of {count} nodes: {letter}1 to "
+                    f"{letter}{most}"
                 )
         return [(cell, number) for cell in cells]
 
@@ -340,10 +354,7 @@ class AbaqusMesh:
         rows: list[tuple[int, ...]] = []
         for cell, number in faces:
             nodes = [self.row_of[node] for node in self.cells[cell]]
-            if len(nodes) in FACES:
-                rows += cut_face([nodes[k] for k in FACES[len(nodes)][number - 1]])
-            else:
-                rows.append(tuple(nodes[k] for k in CELL_FACETS[OPPOSITE[number]]))
+            rows += cut_face([nodes[k] for k in FACES[len(nodes)][number - 1]])
         return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:

@@ -67,16 +67,16 @@ def as_case(model: Model, units: UnitSystem, target: Path) -> Imported:
     groups, material, inclusions = _materials(model, units)
     # From a force by volume in the model's units to an acceleration [m/s2].
     density = units.kilograms_per_cubic_metre(1.0) / material.get("density", 1000.0)
-    tables = _Tables(model, groups, units.metres_per_second_squared(density))
+    scale = units.metres_per_second_squared(density)
+    tables = _Tables(model, groups, scale)
     tables.add_supports()
     for face in model.faces:
         tables.add_face_load(face)
     tables.add_nodal_forces()
     if model.acceleration is not None:
-        shown = [units.metres_per_second_squared(a) for a in model.acceleration]
-        tables.loads.append({"kind": "gravity", "acceleration": shown})
+        tables.add_weight(model.acceleration, units.metres_per_second_squared(1.0))
     if model.body_force is not None:
-        tables.add_weight(model.body_force)
+        tables.add_weight(model.body_force, scale)
     notes = [
         *model.notes,
         *_about_middles(model),
@@ -127,7 +127,7 @@ class _Tables:
         cells = self.point_of[model.corners].astype(np.int32)
         self.mesh = TetMesh(model.nodes[self.node_of], cells)
         self.row_of = {tuple(row): k for k, row in enumerate(_sorted(self.mesh.boundary_facets))}
-        quadratic = (model.middles >= 0).all(axis=1)
+        quadratic = model.is_quadratic
         ends = model.corners[quadratic][:, MIDDLES].reshape(-1, 2).tolist()
         middles = model.middles[quadratic].ravel().tolist()
         # The ends of each middle node's edge, and the middle node of each edge.
@@ -142,9 +142,9 @@ class _Tables:
         self.taken.add(name)
         return name
 
-    def add_weight(self, density: Iterable[float]) -> None:
-        """A force by volume, in the model's units, as gravity."""
-        acceleration = [float(f) * self.acceleration for f in density]
+    def add_weight(self, vector: Iterable[float], scale: float) -> None:
+        """Gravity: an acceleration or a force by volume, times what makes it one in m/s2."""
+        acceleration = [float(component) * scale for component in vector]
         self.loads.append({"kind": "gravity", "acceleration": acceleration})
 
     def add_supports(self) -> None:
@@ -155,18 +155,18 @@ class _Tables:
         """
         wanted: dict[tuple[int, int], tuple[float, FixedNodes]] = {}
         found: list[tuple[FixedNodes, Indices]] = []
-        for hold in self.model.holds:
-            points = self._points_of(hold)
+        for support in self.model.supports:
+            points = self._points_of(support)
             for point in points.tolist():
-                for axis, value in hold.components.items():
-                    other, by = wanted.setdefault((point, axis), (value, hold))
+                for axis, value in support.components.items():
+                    other, by = wanted.setdefault((point, axis), (value, support))
                     if other != value:
-                        raise hold.source.refuse(
-                            f"{hold.name} moves a node along {'xyz'[axis]} by {value:g} that "
-                            f"{by.name} (line {by.source.line}) moves by {other:g}; hold it once"
+                        raise support.source.refuse(
+                            f"{support.name} moves a node along {'xyz'[axis]} by {value:g} that "
+                            f"{by.name} (line {by.source.line}) moves by {other:g}; fix it once"
                         )
             if len(points):
-                found.append((hold, points))
+                found.append((support, points))
         if len(found) > MOST_TABLES:
             raise found[MOST_TABLES][0].source.refuse(
                 f"displacements are prescribed in {len(found)} different ways, more than the "
@@ -174,28 +174,28 @@ class _Tables:
                 "whole face can be said in one [[support]] by hand"
             )
         boundary = self.mesh.boundary_facets
-        for hold, points in found:
+        for support, points in found:
+            table: dict[str, Any] = {}
+            if len(support.components) < 3:
+                table["components"] = ["xyz"[axis] for axis in sorted(support.components)]
+            if any(support.components.values()):
+                table["displacement"] = [support.components.get(axis, 0.0) for axis in range(3)]
             # Facets whose corners are all fixed, and fixed points of none of them.
             facets = boundary[np.isin(boundary, points).all(axis=1)]
             single = np.setdiff1d(points, facets).astype(np.int32)
-            regions = []
+            names = []
             if len(facets):
-                regions.append(self._name(hold.name))
-                self.facets[regions[-1]] = facets
+                names.append(self._name(support.name))
+                self.facets[names[-1]] = facets
             if len(single):
-                regions.append(self._name(f"{hold.name}-points" if len(facets) else hold.name))
-                self.points[regions[-1]] = single
-            for region in regions:
-                table: dict[str, Any] = {"region": {"group": region}}
-                if len(hold.components) < 3:
-                    table["components"] = ["xyz"[axis] for axis in sorted(hold.components)]
-                if any(hold.components.values()):
-                    table["displacement"] = [hold.components.get(axis, 0.0) for axis in range(3)]
-                self.supports.append(table)
+                name = f"{support.name}-points" if len(facets) else support.name
+                names.append(self._name(name))
+                self.points[names[-1]] = single
+            self.supports += [{"region": {"group": name}, **table} for name in names]
 
-    def _points_of(self, hold: FixedNodes) -> Indices:
+    def _points_of(self, support: FixedNodes) -> Indices:
         """Points that stand for fixed nodes."""
-        fixed = set(hold.nodes.tolist())
+        fixed = set(support.nodes.tolist())
         loose = 0
         for node in fixed:
             if self.point_of[node] >= 0:
@@ -203,13 +203,14 @@ class _Tables:
             if node not in self.ends:
                 loose += 1
             elif not fixed.issuperset(self.ends[node]):
-                raise hold.source.refuse(
-                    f"{hold.name} holds the middle node {self.model.labels[node]} of an edge whose "
-                    "ends it does not hold both; a case has corner nodes only: hold whole faces"
+                raise support.source.refuse(
+                    f"{support.name} fixes the middle node {self.model.labels[node]} of an edge "
+                    "but not both of its ends; a case has corner nodes only: fix whole faces"
                 )
         if loose:
-            self.model.notes.append(f"{hold.name}: {loose} held node(s) of no element are left out")
-        points: Indices = np.unique(self.point_of[hold.nodes]).astype(np.int32)
+            note = f"{support.name}: {loose} fixed node(s) of no element are left out"
+            self.model.notes.append(note)
+        points: Indices = np.unique(self.point_of[support.nodes]).astype(np.int32)
         chosen: Indices = points[points >= 0]
         return chosen
 
@@ -277,7 +278,7 @@ class _Tables:
             forces = forces - weights[:, None] * density
             noise = 1e-9 * np.abs(model.forces).max()
             forces[np.abs(forces).max(axis=1) <= noise] = 0.0
-            self.add_weight(density)
+            self.add_weight(density, self.acceleration)
             self.notes.append(
                 "forces on inner nodes are those of a uniform weight: read as gravity"
             )
@@ -306,21 +307,21 @@ class _Tables:
         if not len(loaded):
             return
         middles = loaded[self.point_of[loaded] < 0]
-        if len(middles):
-            raise ImportRefusedError(
-                model.path, None,
-                f"forces on nodes are those of no traction, and node {model.labels[middles[0]]} is "
-                "a middle node, which a case does not have; give a pressure or a traction on the "
-                "face",
-            )  # fmt: skip
         kinds, which = np.unique(forces[loaded], axis=0, return_inverse=True)
-        if len(kinds) > MOST_TABLES:
+        trouble = ""
+        if len(middles):
+            trouble = (
+                f"node {model.labels[middles[0]]} is a middle node, which a case does not have"
+            )
+        elif len(kinds) > MOST_TABLES:
+            trouble = f"they are {len(kinds)} different ones (at most {MOST_TABLES} here)"
+        if trouble:
             raise ImportRefusedError(
-                model.path, None,
+                model.path,
+                None,
                 f"forces on {len(loaded)} nodes are those of no uniform or affine traction, and "
-                f"are {len(kinds)} different ones (at most {MOST_TABLES} here); give a pressure or "
-                "a traction on the face in their place",
-            )  # fmt: skip
+                f"{trouble}; give a pressure or a traction on the face instead",
+            )
         for number, force in enumerate(kinds):
             name = self._name(f"forces-{number + 1}")
             self.points[name] = self.point_of[loaded[which.ravel() == number]].astype(np.int32)
@@ -383,7 +384,7 @@ def _about_density(model: Model, loads: list[dict[str, Any]]) -> list[str]:
 
 
 def _about_middles(model: Model) -> list[str]:
-    quadratic = (model.middles >= 0).all(axis=1)
+    quadratic = model.is_quadratic
     if not quadratic.any():
         return []
     ends = model.nodes[model.corners[quadratic][:, MIDDLES]]
@@ -417,7 +418,7 @@ def _volumes_of_nodes(model: Model) -> NDArray[np.float64]:
     x = model.nodes[model.corners]
     volumes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6.0
     found = np.zeros(len(model.nodes))
-    quadratic = (model.middles >= 0).all(axis=1)
+    quadratic = model.is_quadratic
     np.add.at(found, model.corners, np.where(quadratic, -0.05, 0.25)[:, None] * volumes[:, None])
     np.add.at(found, model.middles[quadratic], 0.2 * volumes[quadratic][:, None])
     return found

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.material_law import Law
 from palpate.validation.importing.febio_mesh import FebioMesh
-from palpate.validation.importing.model import Body, Face, FixedNodes, Model
+from palpate.validation.importing.model import Body, Face, FixedNodes, Model, added
 from palpate.validation.importing.xml_tree import Element, read_xml
 
 VERSIONS = ("2.5", "3.0", "4.0")
@@ -33,16 +33,17 @@ _KNOWN = (
     "Module", "Control", "Material", "Geometry", "Mesh", "MeshDomains", "Boundary", "Loads",
     "LoadData",
 )  # fmt: skip
-# Parameters of each law, those that have to be there first.
-_PARAMETERS = {
-    "neo-Hookean": (("E", "v"), ("density",)),
-    "isotropic elastic": (("E", "v"), ("density",)),
-    "Mooney-Rivlin": (("c1", "c2", "k"), ("density", "pressure_model", "laugon")),
-}
+# Of each law: ours, the constants that have to be there with our names, and what else may be.
 _LAWS = {
-    "neo-Hookean": Law.NEO_HOOKEAN,
-    "isotropic elastic": Law.SAINT_VENANT_KIRCHHOFF,
-}
+    "neo-Hookean": (Law.NEO_HOOKEAN, {"E": "youngs_modulus", "v": "poissons_ratio"}, ()),
+    "isotropic elastic": (
+        Law.SAINT_VENANT_KIRCHHOFF, {"E": "youngs_modulus", "v": "poissons_ratio"}, (),
+    ),
+    "Mooney-Rivlin": (
+        Law.MOONEY_RIVLIN_LOG, {"c1": "c10", "c2": "c01", "k": "bulk_modulus"},
+        ("pressure_model", "laugon"),
+    ),
+}  # fmt: skip
 # Models of a law with a separate volume part: U = k/2 (ln J)^2, FEBio's own, or k/2 (J - 1)^2.
 _PRESSURE_MODELS = {
     "0": Law.MOONEY_RIVLIN_LOG,
@@ -147,40 +148,32 @@ def _materials(sections: dict[str, list[Element]]) -> tuple[list[Body], dict[str
 
 def _body(material: Element) -> Body:
     kind = material.require("type")
-    if kind not in _PARAMETERS:
-        raise material.refuse(f"material {kind!r}; known here are {', '.join(_PARAMETERS)}")
-    needed, others = _PARAMETERS[kind]
-    material.only(*needed, *others)
+    if kind not in _LAWS:
+        raise material.refuse(f"material {kind!r}; known here are {', '.join(_LAWS)}")
+    law, names, others = _LAWS[kind]
+    material.only(*names, "density", *others)
     values: dict[str, float] = {}
-    for name in (*needed, "density"):
+    for name in (*names, "density"):
         found = material.child(name)
-        if found is None:
-            if name in needed:
-                raise material.refuse(f"material {kind!r} needs <{name}>")
-            continue
-        if found.attributes.get("type", "const") != "const" or "lc" in found.attributes:
-            raise found.refuse(f"<{name}> varies in place or time; a case has one number for it")
-        values[name] = found.number()
-    density = values.get("density")
-    if kind != "Mooney-Rivlin":
-        constants = {"youngs_modulus": values["E"], "poissons_ratio": values["v"]}
-        return Body({"law": str(_LAWS[kind]), **constants}, density, material.source)
-    model = material.child("pressure_model")
-    law = Law.MOONEY_RIVLIN_LOG
+        if found is not None:
+            if found.attributes.get("type", "const") != "const" or "lc" in found.attributes:
+                raise found.refuse(f"<{name}> varies in space or time; a case has one number")
+            values[name] = found.number()
+        elif name in names:
+            raise material.refuse(f"material {kind!r} needs <{name}>")
+    model, augmented = material.child("pressure_model"), material.child("laugon")
     if model is not None:
-        known = _PRESSURE_MODELS.get(model.text.lower())
-        if known is None:
+        if model.text.lower() not in _PRESSURE_MODELS:
             raise model.refuse(
                 "known here are default, U = k/2 (ln J)^2, and Abaqus, U = k/2 (J - 1)^2"
             )
-        law = known
-    augmented = material.child("laugon")
+        law = _PRESSURE_MODELS[model.text.lower()]
     if augmented is not None and augmented.text.lower() not in ("0", "off", "false"):
         raise augmented.refuse(
             "<laugon>: an augmented bulk modulus has no end; a case has a number"
         )
-    constants = {"c10": values["c1"], "c01": values["c2"], "bulk_modulus": values["k"]}
-    return Body({"law": str(law), **constants}, density, material.source)
+    constants = {ours: values[theirs] for theirs, ours in names.items()}
+    return Body({"law": str(law), **constants}, values.get("density"), material.source)
 
 
 def _bodies_of_cells(
@@ -213,7 +206,7 @@ class _LoadCurves:
         """What an element's load curve multiplies it with at the end; 1 without one."""
         kind = element.attributes.get("type", "const")
         if kind not in ("const", "vector") or {"map", "node_data"} & element.attributes.keys():
-            raise element.refuse(f"<{element.tag}> varies in place; a case has one number for it")
+            raise element.refuse(f"<{element.tag}> varies in space; a case has one number")
         number = element.attributes.get("lc")
         if number is None or number == "0":
             return 1.0
@@ -241,18 +234,14 @@ class _LoadCurves:
         if abs(times[near] - end) <= 1e-9 * max(abs(end), 1.0):
             return float(values[near])
         if end > times[-1] or end < times[0]:
-            if _setting(curve, "extend", "constant") != "constant":
+            if curve.word("extend", "extend", "constant").lower() != "constant":
                 raise curve.refuse(f"the curve ends before the step does, at {end:g}; extend it")
             return float(values[-1] if end > times[-1] else values[0])
-        kind = _setting(curve, "interpolate", curve.attributes.get("type", "linear"))
+        usual = curve.attributes.get("type", "linear")
+        kind = curve.word("interpolate", "interpolate", usual).lower()
         if kind not in ("linear", "loadcurve"):
             raise curve.refuse(f"a {kind} curve between its points; give it a point at {end:g}")
         return float(np.interp(end, times, values))
-
-
-def _setting(curve: Element, tag: str, default: str) -> str:
-    found = curve.child(tag)
-    return (found.text if found is not None else curve.attributes.get(tag, default)).lower()
 
 
 def _end_time(controls: list[Element]) -> float:
@@ -289,14 +278,14 @@ class _Loads:
             "body_load": self._body,
         }
         for condition in (c for section in sections.get("Boundary", []) for c in section):
-            self._hold(condition)
+            self._support(condition)
         for load in (c for section in sections.get("Loads", []) for c in section):
             load.only_attributes(*_NAMES_OF_LOADS)
             if load.tag not in readers:
                 raise load.refuse(f"<{load.tag}> in <Loads>: a case knows no such load")
             readers[load.tag](load)
 
-    def _hold(self, condition: Element) -> None:
+    def _support(self, condition: Element) -> None:
         if condition.tag not in ("bc", "fix", "prescribe"):
             raise condition.refuse(
                 f"<{condition.tag}> in <Boundary>: a case knows no such condition"
@@ -309,16 +298,16 @@ class _Loads:
         elif kind in _PRESCRIBED:
             condition.only("dof", "scale", "value", "relative")
             if condition.flag("relative"):
-                raise condition.refuse("<relative>: a case moves points from their rest place")
+                raise condition.refuse("<relative>: a case moves points from rest")
             components = {_axis(condition): self._product(condition, "scale", "value")}
         else:
             raise condition.refuse(
                 f"boundary condition {kind[:40]!r}: a case knows no such condition"
             )
         if components:
-            name = condition.attributes.get("name", condition.attributes.get("node_set", "held"))
+            name = condition.attributes.get("name", condition.attributes.get("node_set", "fixed"))
             nodes = self.mesh.nodes_of(condition)
-            self.model.holds.append(FixedNodes(name, nodes, components, condition.source))
+            self.model.supports.append(FixedNodes(name, nodes, components, condition.source))
 
     def _product(self, element: Element, *tags: str) -> float:
         """The product of these children with their curves; 1 for one that is not there."""
@@ -370,10 +359,8 @@ class _Loads:
                     "a traction by deformed area, FEBio's default; a case's is by rest area: "
                     "<linear>1</linear>"
                 )
-            scale = load.child("scale")
-            factor = 1.0 if scale is None else self.curves.value(scale)
-            x, y, z = (factor * self._vector(load, "traction")).tolist()
-            traction = (x, y, z)
+            factor = 1.0 if load.child("scale") is None else self._product(load, "scale")
+            traction = added(None, factor * self._vector(load, "traction"))
         else:
             raise load.refuse(f"surface load {kind[:40]!r}; known here are pressure and traction")
         self.model.faces.append(Face(name, facets, load.source, pressure, traction))
@@ -392,8 +379,7 @@ class _Loads:
             value = self._vector(load, "force")
         else:
             raise load.refuse(f"body load {kind[:40]!r}; known here are const and body force")
-        x, y, z = (np.array(self.model.acceleration or (0.0, 0.0, 0.0)) - value).tolist()
-        self.model.acceleration = (x, y, z)
+        self.model.acceleration = added(self.model.acceleration, -value)
 
 
 def _no_shell(load: Element) -> None:
@@ -403,16 +389,13 @@ def _no_shell(load: Element) -> None:
 
 def _fixed_axes(condition: Element) -> list[int]:
     """2.5: bc="x,y,z"; 3.0: <dofs>; 4.0: <x_dof>1</x_dof>."""
-    listed = condition.child("dofs")
-    text = listed.text if listed is not None else condition.attributes.get("bc", "")
-    axes = [_axis_named(condition, word) for word in text.replace(",", " ").split()]
-    return axes + [axis for name, axis in _AXES.items() if condition.flag(f"{name}_dof")]
+    words = condition.word("dofs", "bc").replace(",", " ").split()
+    flagged = [axis for name, axis in _AXES.items() if condition.flag(f"{name}_dof")]
+    return [_axis_named(condition, word) for word in words] + flagged
 
 
 def _axis(element: Element) -> int:
-    listed = element.child("dof")
-    text = listed.text if listed is not None else element.attributes.get("bc", "")
-    return _axis_named(element, text)
+    return _axis_named(element, element.word("dof", "bc"))
 
 
 def _axis_named(element: Element, word: str) -> int:
@@ -436,5 +419,4 @@ def _dead_pressure(
             "<linear>: a pressure that stays by rest area on a face that is not flat; a case's "
             "pressure follows the body, and its traction is uniform or affine"
         )
-    x, y, z = (-pressure * n for n in normals[0].tolist())
-    return x, y, z
+    return added(None, -pressure * normals[0])

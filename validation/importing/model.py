@@ -89,7 +89,7 @@ class Model:
         bodies: Materials.
         body_of: Index of each cell's material, (num_cells,).
         labels: The file's own number of each node: for messages.
-        holds: Supports.
+        supports: What is fixed or moved.
         faces: Pressures and tractions.
         forces: Force on each node, (num_nodes, 3).
         acceleration: Acceleration of gravity, or None.
@@ -108,7 +108,7 @@ class Model:
     labels: NDArray[np.int64]
     title: str = ""
     strain: Strain = Strain.GREEN
-    holds: list[FixedNodes] = field(default_factory=list)
+    supports: list[FixedNodes] = field(default_factory=list)
     faces: list[Face] = field(default_factory=list)
     forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
     acceleration: tuple[float, float, float] | None = None
@@ -119,6 +119,20 @@ class Model:
     def __post_init__(self) -> None:
         if not len(self.forces):
             self.forces = np.zeros_like(self.nodes)
+
+    @property
+    def is_quadratic(self) -> NDArray[np.bool_]:
+        """Which cells have middle nodes, (num_cells,)."""
+        quadratic: NDArray[np.bool_] = (self.middles >= 0).all(axis=1)
+        return quadratic
+
+
+def added(
+    known: tuple[float, float, float] | None, more: Sequence[float] | NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """The sum of two vectors, of which the first may not be there."""
+    x, y, z = (np.array(known or (0.0, 0.0, 0.0)) + more).tolist()
+    return x, y, z
 
 
 def finite(text: str, source: Source, what: str) -> float:
@@ -173,9 +187,14 @@ class UnitSystem(StrEnum):
         return acceleration * LENGTH[self.table["length"]]
 
 
-# Faces by corners, seen from outside counter-clockwise; FEBio's, Abaqus' and VTK's numbering of
-# nodes. Their order is that of Abaqus' and CalculiX' faces S1, S2, ...
+# Faces by corners, seen from outside counter-clockwise, of cells of so many nodes in FEBio's,
+# Abaqus' and VTK's numbering. They stand in the order of Abaqus' and CalculiX' faces S1, S2, ...:
+# Abaqus Analysis User's Guide, "Three-dimensional solid element library"; CalculiX's manual, "Four-
+# node tetrahedral element".
+_TETRAHEDRON = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
 FACES: dict[int, tuple[tuple[int, ...], ...]] = {
+    4: _TETRAHEDRON,
+    10: _TETRAHEDRON,
     8: (
         (0, 3, 2, 1),
         (4, 5, 6, 7),

@@ -91,7 +91,7 @@ def read_mujoco(path: Path) -> Model:
     )
     if is_pinned.any():
         still = dict.fromkeys(range(3), 0.0)
-        model.holds.append(FixedNodes("pinned", np.flatnonzero(is_pinned), still, flex.source))
+        model.supports.append(FixedNodes("pinned", np.flatnonzero(is_pinned), still, flex.source))
     if model.acceleration is not None:
         model.notes.append(
             "a flex spreads its mass evenly over its points, the case by volume over its cells: "
@@ -116,7 +116,7 @@ def _only_flex(
     if found[0].attributes.get("dim", "2") != "3":
         raise found[0].refuse("a flex that is no solid; a case has one of dim 3")
     if bodies and not flexes:
-        raise bodies[0].refuse("<body> beside the flexcomp: it may touch or hold it; take it out")
+        raise bodies[0].refuse("<body> beside the flexcomp: it may touch or fix it; take it out")
     return found[0], bodies
 
 

@@ -15,7 +15,7 @@ from palpate.validation.importing.model import ImportRefusedError, Source, finit
 
 MOST_BYTES = 128 * 1024**2
 _DEEPEST = 50
-_MOST_ELEMENTS = 5_000_000
+MOST_ELEMENTS = 5_000_000
 
 
 class Element:
@@ -52,6 +52,11 @@ class Element:
             raise found[1].refuse(f"<{tag}> is there twice; give it once")
         return found[0] if found else None
 
+    def word(self, tag: str, attribute: str, default: str = "") -> str:
+        """The text of the child of that tag, or else an attribute, by version of the format."""
+        found = self.child(tag)
+        return self.attributes.get(attribute, default) if found is None else found.text
+
     def require(self, name: str) -> str:
         """An attribute that has to be there."""
         if name not in self.attributes:
@@ -66,15 +71,16 @@ class Element:
         """The error that names the element's line."""
         return self.source.refuse(reason)
 
+    def _words(self, text: str | None) -> list[str]:
+        return (self.text if text is None else text).replace(",", " ").split()
+
     def numbers(self, text: str | None = None) -> list[float]:
         """The element's text, or another, as numbers separated by commas or spaces."""
-        words = (self.text if text is None else text).replace(",", " ").split()
-        return [finite(word, self.source, f"<{self.tag}>") for word in words]
+        return [finite(word, self.source, f"<{self.tag}>") for word in self._words(text)]
 
     def wholes(self, text: str | None = None) -> list[int]:
         """The element's text, or another, as whole numbers."""
-        words = (self.text if text is None else text).replace(",", " ").split()
-        return [whole(word, self.source, f"<{self.tag}>") for word in words]
+        return [whole(word, self.source, f"<{self.tag}>") for word in self._words(text)]
 
     def number(self) -> float:
         """The element's text as one number."""
@@ -130,8 +136,8 @@ def read_xml(path: Path) -> Element:
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal count
         count += 1
-        if count > _MOST_ELEMENTS:
-            raise refuse(f"more than {_MOST_ELEMENTS} elements")
+        if count > MOST_ELEMENTS:
+            raise refuse(f"more than {MOST_ELEMENTS} elements")
         if len(stack) >= _DEEPEST:
             raise refuse(f"nested more than {_DEEPEST} deep")
         element = Element(path, tag, attributes, parser.CurrentLineNumber)

@@ -3,23 +3,17 @@
 By the keywords of the CalculiX CrunchiX USER'S MANUAL 2.20, chapter 7, which Abaqus shares.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
+import bars
 import numpy as np
 import pytest
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import (
     BodyForce,
-    Load,
     PointForce,
     Pressure,
     Support,
@@ -27,32 +21,16 @@ from palpate.meshes.boundary_conditions import (
 )
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Material, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.importing import ImportRefusedError, UnitSystem, import_model
 
-Bring = Callable[..., Any]
 TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,\n"
 NEO_HOOKE = "*DENSITY\n1e-9\n*HYPERELASTIC, NEO HOOKE\n0.02, 12.5"
 MOONEY = "*HYPERELASTIC, MOONEY-RIVLIN\n0.015, 0.005, 12.5"
 
 
-def native(bars: ModuleType, material: Material, *loads: Load, more: Any = ()) -> Problem:
-    mesh = bars.bar()
-    held = bars.held(mesh)
-    metres = TetMesh(1e-3 * mesh.points, mesh.cells)
-    return Problem(metres, material, (Support(np.unique(held), held), *more), loads)
-
-
-def apart(problem: Problem, other: Problem, strain: Strain = Strain.GREEN) -> float:
-    """Largest difference of their displacements, of the largest."""
-    ours = solve_static(problem, strain=strain).displacement
-    theirs = solve_static(other, strain=strain).displacement
-    assert np.abs(ours).max() > 1e-4 * np.ptp(problem.mesh.points, axis=0).max()
-    return float(np.abs(ours - theirs).max() / np.abs(ours).max())
-
-
-def cload(bars: ModuleType, traction: Any, *, scale: float = 1.0) -> str:
+def cload(traction, *, scale=1.0):
     """Consistent nodal forces of a traction t(x, y, z) [MPa] on the end, as *CLOAD."""
     mesh = bars.bar()
     facets = bars.pulled(mesh)
@@ -75,19 +53,19 @@ def cload(bars: ModuleType, traction: Any, *, scale: float = 1.0) -> str:
     return "\n".join(["*CLOAD", *lines])
 
 
-def test_elastic_without_nlgeom_is_linear_strain(bring: Bring, bars: ModuleType) -> None:
+def test_elastic_without_nlgeom_is_linear_strain(bring):
     step = "*STEP, INC=10"
     case, imported = bring(
         bars.abaqus(bars.bar(), step=step, acts="*DSLOAD\nENDFACE, P, -1e-3"), ".inp"
     )
     assert case.strain is Strain.LINEAR
     assert case.title == "A bar, by hand"
-    problem = native(bars, Material(100e3, 0.3), Pressure(bars.pulled(bars.bar()), -1e3))
-    assert apart(problem, case.problem, Strain.LINEAR) < 1e-10
+    problem = bars.native(Material(100e3, 0.3), Pressure(bars.pulled(bars.bar()), -1e3))
+    assert bars.apart(problem, case.problem, Strain.LINEAR) < 1e-10
     assert [line.split(" ", 2)[2] for line in imported.ignored] == ["*NODE PRINT"]
 
 
-def test_neo_hooke_under_weight_and_a_moved_end(bring: Bring, bars: ModuleType) -> None:
+def test_neo_hooke_under_weight_and_a_moved_end(bring):
     acts = "*BOUNDARY\nEND, 1, 1, 2.\nEND, 2, 2\n*DLOAD\nALL, GRAV, 9810., 0., 0., -1."
     case, imported = bring(bars.abaqus(bars.bar(), material=NEO_HOOKE, acts=acts), ".inp")
     kappa, mu = 2.0 / 12.5e-6, 2.0 * 0.02e6
@@ -97,29 +75,27 @@ def test_neo_hooke_under_weight_and_a_moved_end(bring: Bring, bars: ModuleType) 
     )  # fmt: skip
     end = bars.pulled(bars.bar())
     moved = Support(np.unique(end), end, (True, True, False), (2e-3, 0.0, 0.0))
-    problem = native(bars, material, BodyForce((0.0, 0.0, -9810.0)), more=(moved,))
-    assert apart(problem, case.problem) < 1e-10
+    problem = bars.native(material, BodyForce((0.0, 0.0, -9810.0)), more=(moved,))
+    assert bars.apart(problem, case.problem) < 1e-10
     assert not imported.notes
 
 
-def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(
-    bring: Bring, bars: ModuleType
-) -> None:
-    acts = cload(bars, lambda _x, _y, _z: (2e-3, 0.0, -1e-4))
+def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(bring):
+    acts = cload(lambda _x, _y, _z: (2e-3, 0.0, -1e-4))
     case, imported = bring(bars.abaqus(bars.bar(), material=MOONEY, acts=acts), ".inp")
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
     assert load.is_uniform
     assert len(load.facets) == len(bars.pulled(bars.bar()))
     material = Material.mooney_rivlin(c10=15e3, c01=5e3, bulk_modulus=2.0 / 12.5e-6)
-    problem = native(bars, material, Traction(bars.pulled(bars.bar()), (2e3, 0.0, -100.0)))
-    assert apart(problem, case.problem) < 1e-10
+    problem = bars.native(material, Traction(bars.pulled(bars.bar()), (2e3, 0.0, -100.0)))
+    assert bars.apart(problem, case.problem) < 1e-10
     assert any("those of a uniform traction on 8 facets" in line for line in imported.notes)
     assert any(check.against == "truth" for check in case.checks)
 
 
-def test_forces_on_nodes_that_are_an_affine_traction(bring: Bring, bars: ModuleType) -> None:
-    acts = cload(bars, lambda _x, y, z: (1e-3 * (1.0 + z / 10.0), 1e-4 * y, 0.0))
+def test_forces_on_nodes_that_are_an_affine_traction(bring):
+    acts = cload(lambda _x, y, z: (1e-3 * (1.0 + z / 10.0), 1e-4 * y, 0.0))
     case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
@@ -128,11 +104,11 @@ def test_forces_on_nodes_that_are_an_affine_traction(bring: Bring, bars: ModuleT
     ours = Traction(load.facets, (1e3, 0.0, 0.0), gradient=gradient)
     places = case.problem.mesh.points[np.unique(load.facets)]
     assert np.abs(load.at(places) - ours.at(places)).max() < 1e-9 * 2e3
-    assert apart(native(bars, Material(100e3, 0.3), ours), case.problem) < 1e-10
+    assert bars.apart(bars.native(Material(100e3, 0.3), ours), case.problem) < 1e-10
     assert any("affine" in line for line in imported.notes)
 
 
-def test_other_forces_on_nodes_stay_and_leave_no_truth(bring: Bring, bars: ModuleType) -> None:
+def test_other_forces_on_nodes_stay_and_leave_no_truth(bring):
     end = np.unique(bars.pulled(bars.bar()))[[0, 3, 5]]
     acts = "*CLOAD\n" + "\n".join(
         f"{n + 1}, 3, {f}" for n, f in zip(end, (2e-2, 2e-2, 1e-2), strict=True)
@@ -140,23 +116,21 @@ def test_other_forces_on_nodes_stay_and_leave_no_truth(bring: Bring, bars: Modul
     case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
     assert all(isinstance(load, PointForce) for load in case.problem.loads)
     forces = np.array([[0.0, 0.0, 2e-2], [0.0, 0.0, 2e-2], [0.0, 0.0, 1e-2]])
-    problem = native(bars, Material(100e3, 0.3), PointForce(end, forces))
-    assert apart(problem, case.problem) < 1e-10
+    problem = bars.native(Material(100e3, 0.3), PointForce(end, forces))
+    assert bars.apart(problem, case.problem) < 1e-10
     assert any("no truth is possible" in line for line in imported.notes)
     assert all(check.against != "truth" for check in case.checks)
 
 
-def test_one_spoiled_force_is_no_traction(bring: Bring, bars: ModuleType) -> None:
-    acts = cload(bars, lambda _x, _y, _z: (2e-3, 0.0, 0.0))
+def test_one_spoiled_force_is_no_traction(bring):
+    acts = cload(lambda _x, _y, _z: (2e-3, 0.0, 0.0))
     last = acts.rpartition(", ")
     spoiled = f"{last[0]}, {float(last[2]) * (1.0 + 1e-5)!r}"
     case, _ = bring(bars.abaqus(bars.bar(), acts=spoiled), ".inp")
     assert all(isinstance(load, PointForce) for load in case.problem.loads)
 
 
-def test_quadratic_cells_and_consistent_forces_on_middle_nodes(
-    bring: Bring, bars: ModuleType
-) -> None:
+def test_quadratic_cells_and_consistent_forces_on_middle_nodes(bring):
     mesh = bars.bar()
     points, cells = bars.quadratic(mesh)
     forces = np.zeros(len(points))
@@ -179,8 +153,8 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(
     text = bars.abaqus(mesh, acts=acts, points=points, cells=cells)
     before = "*NSET, NSET=FACE\n" + bars.rows(n + 1 for n in on_face) + "\n*BOUNDARY\nFACE, 1, 3"
     case, imported = bring(text.replace("*BOUNDARY\nHELD, 1, 3", before), ".inp")
-    problem = native(bars, Material(100e3, 0.3), Traction(bars.pulled(mesh), (2e3, 0.0, 0.0)))
-    assert apart(problem, case.problem) < 1e-10
+    problem = bars.native(Material(100e3, 0.3), Traction(bars.pulled(mesh), (2e3, 0.0, 0.0)))
+    assert bars.apart(problem, case.problem) < 1e-10
     assert any("96 quadratic tetrahedra" in line for line in imported.notes)
     alone = before.replace("*BOUNDARY\n", f"*BOUNDARY\n{cells[0][9] + 1}, 1, 1\n")
     with pytest.raises(ImportRefusedError, match="middle node"):
@@ -197,7 +171,7 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(
         )
 
 
-def test_includes_parts_amplitudes_and_sets(bring: Bring, bars: ModuleType, tmp_path: Path) -> None:
+def test_includes_parts_amplitudes_and_sets(bring, tmp_path):
     text = bars.abaqus(
         bars.bar(), material="*INCLUDE, INPUT=tissue.inc",
         before="*AMPLITUDE, NAME=RAMP\n0., 0., 2., 1.\n*NSET, NSET=Both, GENERATE\n1, 3\n"
@@ -212,10 +186,10 @@ def test_includes_parts_amplitudes_and_sets(bring: Bring, bars: ModuleType, tmp_
     case, _ = bring(text, ".inp")
     end = bars.pulled(bars.bar())
     moved = Support(np.unique(end), end, (False, False, True), (0.0, 0.0, 2e-3))
-    assert apart(native(bars, Material(100e3, 0.3), more=(moved,)), case.problem) < 1e-10
+    assert bars.apart(bars.native(Material(100e3, 0.3), more=(moved,)), case.problem) < 1e-10
 
 
-def answer_of_ccx(folder: Path, text: str, num_points: int) -> Any:
+def answer_of_ccx(folder, text, num_points):
     """Displacements that CalculiX prints at the full load; in the file's own unit."""
     found = re.sub(r"(\*STATIC\n.*\n)", rf"\1{TIGHT}", text)
     (folder / "own.inp").write_text(found)
@@ -243,9 +217,7 @@ def answer_of_ccx(folder: Path, text: str, num_points: int) -> Any:
         ("*DENSITY\n1e-9\n*ELASTIC\n0.1, 0.3", "*STEP, NLGEOM, INC=100", "*DLOAD\nALL, BX, 4e-5"),
     ],
 )  # fmt: skip
-def test_calculix_answers_its_own_file_the_same(
-    bring: Bring, bars: ModuleType, tmp_path: Path, material: str, step: str, acts: str
-) -> None:
+def test_calculix_answers_its_own_file_the_same(bring, tmp_path, material, step, acts):
     mesh = bars.bar()
     text = bars.abaqus(mesh, material=material, step=step, acts=acts)
     if "DSLOAD" in acts:
@@ -297,9 +269,7 @@ def test_calculix_answers_its_own_file_the_same(
         ("*END STEP", "*CONTACT PAIR\n*END STEP", r"\*CONTACT PAIR is not known"),
     ],
 )  # fmt: skip
-def test_what_a_case_cannot_say_is_refused(
-    bring: Bring, bars: ModuleType, tmp_path: Path, old: str, new: str, says: str
-) -> None:
+def test_what_a_case_cannot_say_is_refused(bring, tmp_path, old, new, says):
     text = bars.abaqus(bars.bar())
     assert old in text
     with pytest.raises(InputError, match=says):
@@ -307,7 +277,7 @@ def test_what_a_case_cannot_say_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["model.inp"]
 
 
-def test_coordinates_that_are_left_out_are_zero(bring: Bring, bars: ModuleType) -> None:
+def test_coordinates_that_are_left_out_are_zero(bring):
     text = bars.abaqus(bars.bar())
     first = "\n1, 0.0, 0.0, 0.0\n"
     assert first in text
@@ -316,7 +286,7 @@ def test_coordinates_that_are_left_out_are_zero(bring: Bring, bars: ModuleType) 
         assert case.problem.mesh.points[0].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_units_are_asked_for(bars: ModuleType, tmp_path: Path) -> None:
+def test_units_are_asked_for(tmp_path):
     (tmp_path / "model.inp").write_text(bars.abaqus(bars.bar()))
     with pytest.raises(InputError, match=r"give --units, one of m-N-Pa \(40 m long, .* mm-N-MPa"):
         import_model(tmp_path / "model.inp", tmp_path / "case.toml")
@@ -325,9 +295,7 @@ def test_units_are_asked_for(bars: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("system", UnitSystem)
-def test_each_system_of_units_is_the_same_body(
-    bring: Bring, bars: ModuleType, system: UnitSystem
-) -> None:
+def test_each_system_of_units_is_the_same_body(bring, system):
     length, force, _ = system.split("-")
     metre, newton = {"m": 1.0, "mm": 1e3}[length], {"N": 1.0, "mN": 1e3, "kN": 1e-3}[force]
     mesh = bars.bar()
@@ -340,4 +308,4 @@ def test_each_system_of_units_is_the_same_body(
     text = bars.abaqus(mesh, material=material, acts=acts, points=scaled.points)
     case, _ = bring(text, ".inp", system)
     loads = BodyForce((0.0, 0.0, -9810.0)), Pressure(bars.pulled(mesh), -1e3)
-    assert apart(native(bars, Material(1e5, 0.3), *loads), case.problem) < 1e-10
+    assert bars.apart(bars.native(Material(1e5, 0.3), *loads), case.problem) < 1e-10

@@ -1,12 +1,8 @@
 """What the adapter for CalculiX writes of a problem is imported as that problem."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,21 +11,20 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.bricks import side
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Material, Strain
 from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.importing import UnitSystem
 from palpate.validation.peers import adapters
 
-Bring = Callable[..., Any]
 FOLDER = Path(adapters.__file__).parent
 
 
-def written(problem: Problem, strain: Strain, monkeypatch: pytest.MonkeyPatch) -> str:
+def written(problem, strain, monkeypatch):
     """The adapter's input file; it is a program of its own, with files beside it."""
     monkeypatch.syspath_prepend(str(FOLDER))
     calculix = importlib.import_module("calculix")
     job = {**rest_arrays(problem), "strain": str(strain), "law": str(problem.material.law)}
-    text: str = calculix._input_file(job, "C3D4", "SPOOLES")
+    text = calculix._input_file(job, "C3D4", "SPOOLES")
     return text
 
 
@@ -42,13 +37,7 @@ def written(problem: Problem, strain: Strain, monkeypatch: pytest.MonkeyPatch) -
         (Material.mooney_rivlin(c10=150.0, c01=40.0, bulk_modulus=2e3), Strain.GREEN),
     ],
 )
-def test_a_traction_a_weight_and_a_moved_support(
-    bring: Bring,
-    problem: Problem,
-    monkeypatch: pytest.MonkeyPatch,
-    material: Material,
-    strain: Strain,
-) -> None:
+def test_a_traction_a_weight_and_a_moved_support(bring, problem, monkeypatch, material, strain):
     mesh = problem.mesh
     (push,) = problem.loads
     assert isinstance(push, Traction)

@@ -1,23 +1,16 @@
 """Hexahedra, wedges and pyramids become tetrahedra that fill them and fit to one another."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
-from types import ModuleType
-from typing import Any
 
+import bars
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.importing import ImportRefusedError
 from palpate.validation.importing.model import cut_cells, cut_face
-
-Bring = Callable[..., Any]
 
 HELD = {
     "2.5": '<fix bc="x,y,z" node_set="Held"/>',
@@ -35,7 +28,7 @@ CELLS = {8: (range(8), 1.0), 6: ((0, 1, 2, 4, 5, 6), 0.5), 5: ((0, 1, 2, 3, 4), 
 
 
 @pytest.mark.parametrize("count", CELLS)
-def test_a_cell_is_filled_however_its_nodes_are_numbered(count: int) -> None:
+def test_a_cell_is_filled_however_its_nodes_are_numbered(count):
     corners, volume = CELLS[count]
     rng = np.random.default_rng(count)
     for _ in range(30):
@@ -48,7 +41,7 @@ def test_a_cell_is_filled_however_its_nodes_are_numbered(count: int) -> None:
         assert volumes.sum() == pytest.approx(volume, rel=1e-12)
 
 
-def hexahedra(counts: tuple[int, int, int], rng: np.random.Generator) -> tuple[Any, Any]:
+def hexahedra(counts, rng):
     """A box of bricks, its points numbered at random."""
     nx, ny, nz = counts
     grid = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nx + 1, ny + 1, nz + 1)
@@ -63,7 +56,7 @@ def hexahedra(counts: tuple[int, int, int], rng: np.random.Generator) -> tuple[A
     return places, number[cells]
 
 
-def test_neighbours_cut_the_face_between_them_alike() -> None:
+def test_neighbours_cut_the_face_between_them_alike():
     points, cells = hexahedra((3, 2, 2), np.random.default_rng(5))
     mesh = TetMesh(points, cut_cells(cells).astype(np.int32))
     # Inner faces that did not fit would be part of the boundary: its area is the box's alone.
@@ -78,9 +71,7 @@ def test_neighbours_cut_the_face_between_them_alike() -> None:
 
 
 @pytest.mark.parametrize("version", ["2.5", "4.0"])
-def test_a_model_of_hexahedra_is_the_same_body(
-    bring: Bring, bars: ModuleType, version: str
-) -> None:
+def test_a_model_of_hexahedra_is_the_same_body(bring, version):
     points, cells = hexahedra((4, 2, 2), np.random.default_rng(7))
     points = points * [10.0, 5.0, 5.0]
     text = bars.febio(
@@ -104,9 +95,7 @@ def test_a_model_of_hexahedra_is_the_same_body(
     assert moved == pytest.approx(1.6e-3, rel=0.1)
 
 
-def abaqus_of(
-    points: NDArray[np.float64], blocks: dict[str, NDArray[np.int64]], acts: str, axis: int = 0
-) -> str:
+def abaqus_of(points, blocks, acts, axis=0):
     """Cells by type, held where x, or another coordinate, is 0; the set ALL is all of them."""
     nodes = [f"{k}, {x!r}, {y!r}, {z!r}" for k, (x, y, z) in enumerate(points.tolist(), 1)]
     cells, label = [], 0
@@ -125,7 +114,7 @@ def abaqus_of(
 
 
 @pytest.mark.parametrize("kind", ["C3D8", "C3D8I", "C3D6"])
-def test_an_abaqus_model_of_other_cells_is_the_same_body(bring: Bring, kind: str) -> None:
+def test_an_abaqus_model_of_other_cells_is_the_same_body(bring, kind):
     points, cells = hexahedra((4, 2, 2), np.random.default_rng(7))
     points = points * [10.0, 5.0, 5.0]
     last, most = [k for k, c in enumerate(cells.tolist(), 1) if points[c[1], 0] == 40.0], 16
@@ -167,7 +156,7 @@ FACES_OF = {
 
 
 @pytest.mark.parametrize("kind", FACES_OF)
-def test_pressed_faces_are_those_of_the_manual(bring: Bring, kind: str) -> None:
+def test_pressed_faces_are_those_of_the_manual(bring, kind):
     count, faces = FACES_OF[kind]
     corners, _ = CELLS[count]
     points = 10.0 * CUBE[list(corners)]

@@ -3,14 +3,10 @@
 By the XML reference of mujoco.readthedocs.io: flexcomp, flexcomp/pin, flex, elasticity.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
-from collections.abc import Callable
-from types import ModuleType
-from typing import Any
 
+import bars
 import numpy as np
 import pytest
 
@@ -24,19 +20,18 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.importing import ImportRefusedError, UnitSystem
 from palpate.validation.peers.registry import interpreter_with, interpreters
 
-Bring = Callable[..., Any]
 SI = UnitSystem.METRE_NEWTON
 
 
-def beam() -> TetMesh:
+def beam():
     return brick_box((4, 2, 2), (0.2, 0.05, 0.05), ragged=0.2)
 
 
-def flat(values: Any) -> str:
+def flat(values):
     return " ".join(repr(v) for v in np.ravel(values).tolist())
 
 
-def model(mesh: TetMesh, pins: Any, *, mass: float = 0.5, young: float = 2e4) -> str:
+def model(mesh, pins, *, mass=0.5, young=2e4):
     return f"""<mujoco model="beam">
   <option timestep="0.001" gravity="0 0 -9.81"><flag contact="disable"/></option>
   <worldbody>
@@ -53,11 +48,11 @@ def model(mesh: TetMesh, pins: Any, *, mass: float = 0.5, young: float = 2e4) ->
 """
 
 
-def pinned(mesh: TetMesh) -> Any:
+def pinned(mesh):
     return np.flatnonzero(mesh.points[:, 0] == 0.0)
 
 
-def test_a_pinned_beam_rests_under_its_weight(bring: Bring) -> None:
+def test_a_pinned_beam_rests_under_its_weight(bring):
     mesh = beam()
     case, imported = bring(model(mesh, pinned(mesh)), ".xml", SI)
     found = case.problem
@@ -76,7 +71,7 @@ def test_a_pinned_beam_rests_under_its_weight(bring: Bring) -> None:
     assert any("spreads its mass evenly" in line for line in imported.notes)
 
 
-def test_single_points_and_cells_the_other_way_round(bring: Bring) -> None:
+def test_single_points_and_cells_the_other_way_round(bring):
     mesh = beam()
     points = [0, 4, 8, 40]
     turned = TetMesh(mesh.points, mesh.cells)
@@ -111,7 +106,7 @@ print(json.dumps({"moved": (data.flexvert_xpos - rest).tolist(), "left": float(l
 """
 
 
-def with_mujoco(path: Any, folder: Any) -> Any:
+def with_mujoco(path, folder):
     """MuJoCo's own displacement at rest, and the model as it writes it out."""
     interpreter = interpreter_with("mujoco")
     if interpreter is None:
@@ -127,7 +122,7 @@ def with_mujoco(path: Any, folder: Any) -> Any:
     return np.array(said["moved"]), written.read_text()
 
 
-def test_mujoco_answers_its_own_file_the_same(bring: Bring, tmp_path: Any) -> None:
+def test_mujoco_answers_its_own_file_the_same(bring, tmp_path):
     # Of a single cell each point has the same share by volume too.
     points = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.03, 0.03, 0.1]], dtype=np.float64)
     one = TetMesh(points, [[0, 1, 2, 3]])
@@ -151,7 +146,7 @@ WRITTEN = """<mujoco><worldbody>
  element="0 1 2 3"><elasticity young="1e4" poisson="0.3"/></flex></deformable></mujoco>"""
 
 
-def test_a_model_that_was_written_out(bring: Bring) -> None:
+def test_a_model_that_was_written_out(bring):
     case, _ = bring(WRITTEN, ".xml", SI)
     assert case.problem.mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     assert case.problem.material.density == pytest.approx(0.4 * 6.0)
@@ -172,9 +167,7 @@ def test_a_model_that_was_written_out(bring: Bring) -> None:
         ("<deformable>", '<actuator><motor joint="j"/></actuator><deformable>', "<actuator>"),
     ],
 )
-def test_bodies_that_do_more_than_slide_are_refused(
-    bring: Bring, old: str, new: str, says: str
-) -> None:
+def test_bodies_that_do_more_than_slide_are_refused(bring, old, new, says):
     assert old in WRITTEN
     with pytest.raises(ImportRefusedError, match=says):
         bring(WRITTEN.replace(old, new, 1), ".xml", SI)
@@ -203,20 +196,20 @@ def test_bodies_that_do_more_than_slide_are_refused(
         ('contact="disable"', 'passive="disable"', "no stiffness"),
     ],
 )
-def test_what_a_case_cannot_say_is_refused(bring: Bring, old: str, new: str, says: str) -> None:
+def test_what_a_case_cannot_say_is_refused(bring, old, new, says):
     text = model(beam(), [0])
     assert old in text
     with pytest.raises(ImportRefusedError, match=says):
         bring(text.replace(old, new, 1), ".xml", SI)
 
 
-def test_without_enough_pins_it_floats(bring: Bring, tmp_path: Any) -> None:
+def test_without_enough_pins_it_floats(bring, tmp_path):
     with pytest.raises(InputError, match="is not held enough"):
         bring(model(beam(), [0]), ".xml", SI)
     assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
 
 
-def test_a_gmsh_file_beside_it(bring: Bring, bars: ModuleType, tmp_path: Any) -> None:
+def test_a_gmsh_file_beside_it(bring, tmp_path):
     from palpate.meshes.files import write_mesh
 
     mesh = bars.bar()

@@ -1,22 +1,17 @@
 """Which nodal forces are taken for tractions, and what that may cost."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-import pytest
 
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.validation.importing import nodal_forces
 from palpate.validation.importing.nodal_forces import fit_tractions
 
 
-def without_middles(facets: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def without_middles(facets):
     return np.full_like(facets, -1)
 
 
-def test_a_traction_of_its_own_on_every_face_of_a_box_is_found() -> None:
+def test_a_traction_of_its_own_on_every_face_of_a_box_is_found():
     surface = shape_box((1.0, 2.0, 3.0), edge_length=0.6)
     points, facets = surface.points, np.asarray(surface.facets, dtype=np.int64)
     a, b, c = points[facets].transpose(1, 0, 2)
@@ -34,16 +29,14 @@ def test_a_traction_of_its_own_on_every_face_of_a_box_is_found() -> None:
         assert np.abs(traction.values - -2.0 * normal).max() <= 1e-9
 
 
-def test_forces_all_over_a_curved_surface_stay_forces_on_points(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_forces_all_over_a_curved_surface_stay_forces_on_points(monkeypatch):
     surface = shape_sphere(1.0, edge_length=0.15)
     points, facets = surface.points, np.asarray(surface.facets, dtype=np.int64)
     forces = np.random.default_rng(0).normal(size=points.shape)
-    widths: list[int] = []
+    widths = []
     solve = np.linalg.lstsq
 
-    def counted(matrix: Any, *rest: Any, **more: Any) -> Any:
+    def counted(matrix, *rest, **more):
         widths.append(matrix.shape[1])
         return solve(matrix, *rest, **more)
 

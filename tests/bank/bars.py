@@ -1,50 +1,48 @@
 """A bar in the words of each program, written by hand from arrays, and the same as a problem."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Sequence
-from typing import Any
-
 import numpy as np
 
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.bricks import brick_box, side
+from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
 # mm, N, MPa.
 SIZE = (40.0, 10.0, 10.0)
 
 
-def bar() -> TetMesh:
+def bar():
     """Four by two by two bricks, their inner points moved."""
     return brick_box((4, 2, 2), SIZE, ragged=0.2)
 
 
-def held(mesh: TetMesh) -> Any:
+def held(mesh):
     """Facets of the end x = 0."""
     return side(mesh, 0, 0.0)
 
 
-def pulled(mesh: TetMesh) -> Any:
+def pulled(mesh):
     """Facets of the end x = 40."""
     return side(mesh, 0, SIZE[0])
 
 
-def rows(numbers: Iterable[Any], per_line: int = 8) -> str:
+def rows(numbers, per_line=8):
     """Whole numbers separated by commas, some to a line."""
     words = [str(n) for n in numbers]
     starts = range(0, len(words), per_line)
     return ",\n".join(", ".join(words[k : k + per_line]) for k in starts)
 
 
-def places(points: Any) -> list[str]:
+def places(points):
     """Coordinates with all their digits."""
     return [", ".join(repr(float(x)) for x in point) for point in np.asarray(points)]
 
 
-def quadratic(mesh: TetMesh) -> tuple[Any, list[list[int]]]:
+def quadratic(mesh):
     """Points with a middle node on each edge, and cells of ten nodes: 5 to 10 by the manuals."""
     points = [tuple(p) for p in mesh.points.tolist()]
-    number: dict[tuple[int, int], int] = {}
+    number = {}
     cells = []
     for cell in mesh.cells.tolist():
         nodes = list(cell)
@@ -59,24 +57,24 @@ def quadratic(mesh: TetMesh) -> tuple[Any, list[list[int]]]:
     return np.array(points), cells
 
 
-def one_based(items: Any) -> list[list[int]]:
+def one_based(items):
     """Rows of numbers from one."""
-    found: list[list[int]] = (np.asarray(items) + 1).tolist()
+    found = (np.asarray(items) + 1).tolist()
     return found
 
 
 def febio(
-    mesh: TetMesh,
+    mesh,
     *,
-    version: str = "4.0",
-    material: str = "<density>1e-9</density><E>0.1</E><v>0.4</v>",
-    law: str = "neo-Hookean",
-    boundary: str = "",
-    loads: str = "",
-    extra: str = "",
-    cells: Sequence[Sequence[int]] | None = None,
-    points: Any = None,
-) -> str:
+    version="4.0",
+    material="<density>1e-9</density><E>0.1</E><v>0.4</v>",
+    law="neo-Hookean",
+    boundary="",
+    loads="",
+    extra="",
+    cells=None,
+    points=None,
+):
     """A .feb file of the manual's sections in that version, with sets Held, End and face Top."""
     is_old = version == "2.5"
     kind = "tet4" if cells is None else "tet10"
@@ -127,15 +125,15 @@ def febio(
 
 
 def abaqus(
-    mesh: TetMesh,
+    mesh,
     *,
-    material: str = "*ELASTIC\n0.1, 0.3",
-    step: str = "*STEP, NLGEOM",
-    before: str = "",
-    acts: str = "*CLOAD\n45, 3, 1e-4",
-    cells: Sequence[Sequence[int]] | None = None,
-    points: Any = None,
-) -> str:
+    material="*ELASTIC\n0.1, 0.3",
+    step="*STEP, NLGEOM",
+    before="",
+    acts="*CLOAD\n45, 3, 1e-4",
+    cells=None,
+    points=None,
+):
     """An .inp file with sets HELD, END, ALL and the surface ENDFACE; x = 0 is held."""
     used = one_based(mesh.cells if cells is None else cells)
     shown = [
@@ -155,7 +153,7 @@ def abaqus(
     return "\n".join(line for line in lines if line or line == lines[-1])
 
 
-def faces_of(mesh: TetMesh, facets: Any) -> list[str]:
+def faces_of(mesh, facets):
     """Lines of a *SURFACE: the cell behind each facet, and which face of it that is."""
     faces = {1: (0, 1, 2), 2: (0, 1, 3), 3: (1, 2, 3), 4: (0, 2, 3)}
     found = {
@@ -164,3 +162,20 @@ def faces_of(mesh: TetMesh, facets: Any) -> list[str]:
         for face, corners in faces.items()
     }
     return [found[tuple(sorted(facet))] for facet in facets]
+
+
+def native(material, *loads, more=()):
+    """The bar as a problem in metres, fixed at x = 0."""
+    mesh = bar()
+    end = held(mesh)
+    metres = TetMesh(1e-3 * mesh.points, mesh.cells)
+    return Problem(metres, material, (Support(np.unique(end), end), *more), loads)
+
+
+def apart(problem, other, strain=Strain.GREEN):
+    """Largest difference of their displacements at equilibrium, of the largest."""
+    ours = solve_static(problem, strain=strain).displacement
+    theirs = solve_static(other, strain=strain).displacement
+    assert np.abs(ours).max() > 1e-4 * np.ptp(problem.mesh.points, axis=0).max()
+    assert np.allclose(problem.mesh.points, other.mesh.points, rtol=1e-12, atol=0.0)
+    return float(np.abs(ours - theirs).max() / np.abs(ours).max())
