@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_texts import BLOCK, changed
 from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
@@ -19,51 +20,14 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
 
-BLOCK = """
-schema = 1
-title = "A block pulled sideways"
-
-[geometry]
-shape = "box"
-size = [2.0, 1.0, 1.0]
-edge_length = 0.5
-
-[material]
-youngs_modulus = 1000.0
-poissons_ratio = 0.3
-
-[[support]]
-region = { half_space = { point = [0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
-
-[[load]]
-kind = "force"
-force = [60.0, 20.0, -10.0]
-region = { half_space = { point = [1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0] } }
-
-[[check]]
-metric = "displacement_l2"
-limit = 1e-8
-reason = "same equations"
-
-[[check]]
-metric = "smallest_det_f"
-against = "candidate"
-limit = 0.0
-reason = "nothing inverted"
-"""
-
 
 @pytest.fixture
 def write_case(tmp_path: Path) -> Callable[..., Path]:
     """Write the block case with some text replaced; returns its path."""
 
     def write(*changes: tuple[str, str], name: str = "block.toml") -> Path:
-        text = BLOCK
-        for old, new in changes:
-            assert old in text, old
-            text = text.replace(old, new)
         path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
+        path.write_text(changed(BLOCK, *changes), encoding="utf-8")
         return path
 
     return write

@@ -1,13 +1,9 @@
 """No verb writes over what it reads, nor two results into one file; told before the solving."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,10 +18,10 @@ Run = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def palpate(palpate_run: Callable[..., Any], project: Path) -> Run:
+def palpate(palpate_run, project):
     """Run the command line in the project's folder; exit code and standard error."""
 
-    def run(*words: object) -> tuple[int, str]:
+    def run(*words):
         done = palpate_run(*words, folder=project)
         return done.returncode, done.stderr
 
@@ -33,7 +29,7 @@ def palpate(palpate_run: Callable[..., Any], project: Path) -> Run:
 
 
 @pytest.fixture
-def project(tmp_path: Path, write_case: Callable[..., Path]) -> Path:
+def project(tmp_path, write_case):
     """A case on a mesh file, with a reference, an answer and links to some of them."""
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
     write_case((shape, 'mesh = "body.vtu"'))
@@ -53,7 +49,7 @@ def project(tmp_path: Path, write_case: Callable[..., Path]) -> Path:
     return tmp_path
 
 
-def everything(folder: Path) -> dict[str, bytes]:
+def everything(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
@@ -93,8 +89,8 @@ def everything(folder: Path) -> dict[str, bytes]:
     ],
 )
 def test_an_output_over_an_input_or_another_is_refused_and_nothing_is_touched(
-    palpate: Run, project: Path, words: str
-) -> None:
+    palpate, project, words
+):
     before = everything(project)
     code, told = palpate(*shlex.split(words))
     assert code == 2, told
@@ -104,9 +100,7 @@ def test_an_output_over_an_input_or_another_is_refused_and_nothing_is_touched(
     assert (project / "soft").is_symlink()
 
 
-def test_the_projects_own_folder_with_results_in_it_is_never_swapped(
-    palpate: Run, project: Path
-) -> None:
+def test_the_projects_own_folder_with_results_in_it_is_never_swapped(palpate, project):
     """What lost a user's case: a gate's results.json beside it made its folder look like a run."""
     (project / "results.json").write_text('{"palpate": "0.1.0", "cases": []}', encoding="utf-8")
     before = everything(project)
@@ -116,9 +110,7 @@ def test_the_projects_own_folder_with_results_in_it_is_never_swapped(
     assert everything(project) == before
 
 
-def test_outputs_that_are_new_are_written_and_a_link_stays_a_link(
-    palpate: Run, project: Path
-) -> None:
+def test_outputs_that_are_new_are_written_and_a_link_stays_a_link(palpate, project):
     (project / "latest.vtu").symlink_to("sub/u.vtu")
     code, told = palpate("solve", "block.toml", "-o", "latest.vtu")
     assert code == 0, told
@@ -131,7 +123,7 @@ def test_outputs_that_are_new_are_written_and_a_link_stays_a_link(
     assert (code, "no exported case's" in told) == (2, True)
 
 
-def test_every_file_of_a_case_is_an_input(project: Path, write_case: Callable[..., Path]) -> None:
+def test_every_file_of_a_case_is_an_input(project, write_case):
     files = {path.name for path in input_files([load_case(project / "block.toml")], "old.json")}
     assert files == {"block.toml", "body.vtu", "block.npz", "block.pending.npz", "old.json"}
     tool = (
@@ -142,14 +134,14 @@ def test_every_file_of_a_case_is_an_input(project: Path, write_case: Callable[..
     assert {p.name for p in load_case(path).files} == {"pushed.toml", "organ.msh"}
 
 
-def test_paths_that_cannot_be_are_input_errors(tmp_path: Path) -> None:
+def test_paths_that_cannot_be_are_input_errors(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     for bad in (tmp_path / "loop", tmp_path / "a\0b", tmp_path / "loop" / "x"):
         with pytest.raises(OutputError):
             require_outputs({"--json": bad})
 
 
-def test_two_cases_of_one_name_are_refused(palpate: Run, project: Path) -> None:
+def test_two_cases_of_one_name_are_refused(palpate, project):
     (project / "sub" / "block.toml").write_bytes((project / "block.toml").read_bytes())
     for verb in (["gate"], ["report", "-o", "out"]):
         code, told = palpate(*verb, "block.toml", "sub/block.toml")
@@ -159,9 +151,7 @@ def test_two_cases_of_one_name_are_refused(palpate: Run, project: Path) -> None:
         assert (code, "twice" in told) == (2, True)
 
 
-def test_a_case_called_index_does_not_take_the_first_page_of_a_report(
-    palpate: Run, project: Path
-) -> None:
+def test_a_case_called_index_does_not_take_the_first_page_of_a_report(palpate, project):
     (project / "index.toml").write_bytes((project / "block.toml").read_bytes())
     code, told = palpate("report", "block.toml", "index.toml", "-o", "out")
     assert (code, "rename case 'index'" in told) == (2, True), told

@@ -1,7 +1,5 @@
 """Words of others cannot act: in a terminal, a CI log, XML, Markdown, HTML or a spreadsheet."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io
@@ -9,8 +7,6 @@ import json
 import re
 import unicodedata
 import xml.etree.ElementTree as ET
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +21,7 @@ from palpate.validation.commands.options import progress_lines
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import github_annotations
-from palpate.validation.judging.results import CaseResult, Judged
+from palpate.validation.judging.results import Judged
 from palpate.validation.report.html import report_environment
 from palpate.validation.report.tables import state_table_csv
 from palpate.validation.states import Verdict
@@ -41,7 +37,7 @@ ALLOWED_HIDDEN = {"\u200c", "\u200d"}
 any_text = st.text(st.characters(codec=None, exclude_categories=()), max_size=60)
 
 
-def hidden(text: str) -> list[str]:
+def hidden(text):
     """What a reader cannot see, line ends aside."""
     return [
         c for c in text
@@ -50,7 +46,7 @@ def hidden(text: str) -> list[str]:
     ]  # fmt: skip
 
 
-def commands(text: str) -> list[str]:
+def commands(text):
     """Lines that the runner of GitHub or Azure would take for a command."""
     return [
         line for line in text.splitlines()
@@ -59,12 +55,12 @@ def commands(text: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def judged() -> CaseResult:
+def judged():
     return judge_case(load_case("block"))
 
 
 @pytest.fixture(scope="module")
-def hostile(judged: CaseResult) -> CaseResult:
+def hostile(judged):
     """Every text that a case or a candidate chooses is hostile, under each verdict."""
     checks = tuple(
         dataclasses.replace(
@@ -85,7 +81,7 @@ def hostile(judged: CaseResult) -> CaseResult:
 
 
 @pytest.mark.parametrize("width", [20, 80, 300])
-def test_nothing_acts_in_a_terminal_however_narrow(hostile: CaseResult, width: int) -> None:
+def test_nothing_acts_in_a_terminal_however_narrow(hostile, width):
     stream = io.StringIO()
     outputs.print_results([hostile], Console(file=stream, width=width, highlight=False))
     text = stream.getvalue()
@@ -95,14 +91,14 @@ def test_nothing_acts_in_a_terminal_however_narrow(hostile: CaseResult, width: i
     assert "\\x1b" in text.replace("\n", "") or width == 20
 
 
-def test_nothing_acts_in_progress_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_acts_in_progress_lines(capsys):
     progress_lines()(HOSTILE)
     told = capsys.readouterr().err
     assert hidden(told) == []
     assert commands(told) == []
 
 
-def test_junit_is_xml_whatever_the_texts_hold(hostile: CaseResult) -> None:
+def test_junit_is_xml_whatever_the_texts_hold(hostile):
     root = ET.fromstring(outputs.junit_xml([hostile]).encode("utf-8"))
     assert len(root.findall(".//testcase")) >= len(Verdict)
     for element in root.iter():
@@ -110,7 +106,7 @@ def test_junit_is_xml_whatever_the_texts_hold(hostile: CaseResult) -> None:
             assert hidden(value) == []
 
 
-def test_a_markdown_row_keeps_its_cells_and_holds_no_html(hostile: CaseResult) -> None:
+def test_a_markdown_row_keeps_its_cells_and_holds_no_html(hostile):
     text = outputs.summary_markdown([hostile])
     text.encode("utf-8")
     assert hidden(text) == []
@@ -122,20 +118,18 @@ def test_a_markdown_row_keeps_its_cells_and_holds_no_html(hostile: CaseResult) -
     assert "](" not in text
 
 
-def test_an_annotation_is_one_command_of_ours(hostile: CaseResult) -> None:
+def test_an_annotation_is_one_command_of_ours(hostile):
     for line in github_annotations([hostile]):
         assert hidden(line) == []
         assert "\n" not in line
         assert re.match(r"::(error|warning) (file=[^,:]*,)?title=[^:,]*::", line)
 
 
-def test_json_is_strict_and_the_candidates_words_have_a_key_of_their_own(
-    hostile: CaseResult,
-) -> None:
+def test_json_is_strict_and_the_candidates_words_have_a_key_of_their_own(hostile):
     text = outputs.results_json([hostile], "1")
     text.encode("ascii")
 
-    def refuse(word: str) -> None:
+    def refuse(word):
         raise AssertionError(word)
 
     case = json.loads(text, parse_constant=refuse)["cases"][0]
@@ -144,7 +138,7 @@ def test_json_is_strict_and_the_candidates_words_have_a_key_of_their_own(
     assert said[1] is None
 
 
-def test_a_spreadsheet_runs_nothing(hostile: CaseResult) -> None:
+def test_a_spreadsheet_runs_nothing(hostile):
     rows = list(csv.reader(io.StringIO(state_table_csv(hostile))))
     assert len({len(row) for row in rows}) == 1
     for row in rows:
@@ -158,18 +152,18 @@ def test_a_spreadsheet_runs_nothing(hostile: CaseResult) -> None:
     "text",
     ["=1+1", "+1+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "=cmd|'/C calc'!A0", " =1", "-", "+x"],
 )
-def test_text_that_a_spreadsheet_would_run_gets_an_apostrophe(text: str) -> None:
+def test_text_that_a_spreadsheet_would_run_gets_an_apostrophe(text):
     assert str(quoting.for_csv(text)).startswith("'")
 
 
 @pytest.mark.parametrize("value", [1.5, -2, "-1.5", "+3e-4", "plain", "a=b", "", None, True])
-def test_other_cells_of_a_spreadsheet_stay(value: Any) -> None:
+def test_other_cells_of_a_spreadsheet_stay(value):
     assert quoting.for_csv(value) == value
 
 
 @settings(max_examples=300, derandomize=True, deadline=None)
 @given(any_text)
-def test_any_text_is_safe_in_every_output(text: str) -> None:
+def test_any_text_is_safe_in_every_output(text):
     terminal = quoting.for_terminal(text)
     assert hidden(terminal) == []
     assert commands(terminal) == []
@@ -186,13 +180,13 @@ def test_any_text_is_safe_in_every_output(text: str) -> None:
     assert re.fullmatch(r'"(?:[^"\\]|\\.)*"', quoted)
 
 
-def test_ordinary_words_stay_as_they_are() -> None:
+def test_ordinary_words_stay_as_they_are():
     for text in ("Leber, rechts: 3 % (μ = 0.4)", "肝臓", "می\u200cخواهم", "a|b", "don't", "x < y"):
         assert quoting.visible(text) == text
         assert quoting.for_terminal(text) == text
 
 
-def test_what_a_candidate_says_is_told_as_its_words(tmp_path: Path, judged: CaseResult) -> None:
+def test_what_a_candidate_says_is_told_as_its_words(tmp_path, judged):
     claim = "independent audit passed"
     about = {"remark": claim, "Reference": "a\n::error::b", "verdict": 'passed" by "all'}
     displacement = next(s for s in judged.states if s.label == "fastsim").displacement
@@ -209,7 +203,7 @@ def test_what_a_candidate_says_is_told_as_its_words(tmp_path: Path, judged: Case
     assert claim not in json.dumps(others)
 
 
-def test_a_report_escapes_every_text_and_shows_what_is_hidden() -> None:
+def test_a_report_escapes_every_text_and_shows_what_is_hidden():
     page = report_environment().from_string("<p>{{ text }}</p>").render(text=HOSTILE)
     page.encode("utf-8")
     assert hidden(page) == []

@@ -1,9 +1,9 @@
 """A folder of results is the old or the new one, never a mixture; whose files in it stay."""
 
-from __future__ import annotations
-
+import ctypes
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,26 +14,25 @@ from pathlib import Path
 import pytest
 
 from palpate.meshes.errors import InputError
-from palpate.validation import run_folder as module
 from palpate.validation.run_folder import MARKER, RESULTS, require_run_folder, run_folder
 
 
-def write_run(path: Path, word: str, pause: float = 0.0) -> None:
+def write_run(path, word, pause=0.0):
     with run_folder(path) as fresh:
         for name in ("a.txt", "b.txt", RESULTS):
             (fresh / name).write_text(word)
             time.sleep(pause)
 
 
-def contents(path: Path) -> set[str]:
+def contents(path):
     return {file.read_text() for file in path.iterdir() if file.name != MARKER}
 
 
-def leftovers(path: Path) -> list[str]:
+def leftovers(path):
     return [p.name for p in path.parent.iterdir() if p != path]
 
 
-def test_a_new_run_replaces_the_old_one(tmp_path: Path) -> None:
+def test_a_new_run_replaces_the_old_one(tmp_path):
     out = tmp_path / "deep" / "out"
     write_run(out, "old")
     write_run(out, "new")
@@ -41,37 +40,31 @@ def test_a_new_run_replaces_the_old_one(tmp_path: Path) -> None:
     assert leftovers(out) == []
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("bug")])
-def test_a_failure_leaves_the_old_run(tmp_path: Path, error: BaseException) -> None:
+@pytest.mark.parametrize(
+    ("error", "reported", "why"),
+    [
+        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+        (ValueError("bug"), ValueError, "bug"),
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), InputError, "No space .* unchanged"),
+    ],
+)
+def test_a_failure_leaves_the_old_run(tmp_path, error, reported, why):
     out = tmp_path / "out"
     write_run(out, "old")
 
-    def broken() -> None:
+    def broken():
         with run_folder(out) as fresh:
             (fresh / "a.txt").write_text("half")
             raise error
 
-    with pytest.raises(type(error)):
+    with pytest.raises(reported) as caught:
         broken()
+    assert re.search(why, str(caught.value))
     assert contents(out) == {"old"}
     assert leftovers(out) == []
 
 
-def test_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    write_run(out, "old")
-
-    def full() -> None:
-        with run_folder(out) as fresh:
-            (fresh / "a.txt").write_text("half")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with pytest.raises(InputError, match=r"No space left on device.*unchanged"):
-        full()
-    assert contents(out) == {"old"}
-
-
-def test_a_folder_with_other_things_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_with_other_things_is_left_alone(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "thesis.doc").write_text("precious")
@@ -81,18 +74,14 @@ def test_a_folder_with_other_things_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="is a file"):
         write_run(tmp_path / "file", "new")
-
-
-def test_a_parent_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="cannot be written"):
         write_run(tmp_path / "file" / "out", "new")
 
 
-def test_two_runs_at_once_leave_one_of_them_whole(tmp_path: Path) -> None:
+def test_two_runs_at_once_leave_one_of_them_whole(tmp_path):
     out = tmp_path / "out"
     write_run(out, "old")
-    seen: list[set[str]] = []
+    seen = []
     runs = [
         threading.Thread(target=write_run, args=(out, word, 0.01))
         for word in ("one", "two", "three")
@@ -117,7 +106,7 @@ def test_two_runs_at_once_leave_one_of_them_whole(tmp_path: Path) -> None:
     assert seen
 
 
-def test_ctrl_c_in_the_middle_of_a_report(tmp_path: Path) -> None:
+def test_ctrl_c_in_the_middle_of_a_report(tmp_path):
     out = tmp_path / "out"
     write_run(out, "old")
     code = (
@@ -130,7 +119,6 @@ def test_ctrl_c_in_the_middle_of_a_report(tmp_path: Path) -> None:
     child = subprocess.Popen(
         [sys.executable, "-c", code, str(out)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
-    assert child.stdout is not None
     assert child.stdout.readline() == b"ready\n"
     child.send_signal(signal.SIGINT)
     assert child.wait(timeout=20) != 0
@@ -139,7 +127,7 @@ def test_ctrl_c_in_the_middle_of_a_report(tmp_path: Path) -> None:
     assert leftovers(out) == []
 
 
-def test_files_of_the_users_own_beside_a_report_stay(tmp_path: Path) -> None:
+def test_files_of_the_users_own_beside_a_report_stay(tmp_path):
     out = tmp_path / "out"
     write_run(out, "old")
     (out / "notes.txt").write_text("mine")
@@ -159,22 +147,22 @@ def test_files_of_the_users_own_beside_a_report_stay(tmp_path: Path) -> None:
 
 
 def test_a_file_of_ones_own_stays_where_there_are_no_hard_links_and_no_exchange(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_given: object, **_named: object) -> None:
+    tmp_path, monkeypatch
+):
+    def refuse(*_given, **_named):
         raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
     out = tmp_path / "out"
     write_run(out, "old")
     (out / "notes.txt").write_text("mine")
     monkeypatch.setattr(os, "link", refuse)
-    monkeypatch.setattr(module, "_exchange", lambda _one, _other: False)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_given, **_named: object())  # no renameat2
     write_run(out, "new")
     assert contents(out) == {"new", "mine"}
     assert leftovers(out) == []
 
 
-def test_what_an_old_run_wrote_and_the_new_one_does_not_goes(tmp_path: Path) -> None:
+def test_what_an_old_run_wrote_and_the_new_one_does_not_goes(tmp_path):
     out = tmp_path / "out"
     with run_folder(out) as fresh:
         (fresh / "pages").mkdir()
@@ -184,7 +172,7 @@ def test_what_an_old_run_wrote_and_the_new_one_does_not_goes(tmp_path: Path) -> 
     assert contents(out) == {"new"}
 
 
-def test_an_empty_folder_and_one_of_a_killed_run_are_taken(tmp_path: Path) -> None:
+def test_an_empty_folder_and_one_of_a_killed_run_are_taken(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     write_run(out, "new")
@@ -205,7 +193,7 @@ def test_an_empty_folder_and_one_of_a_killed_run_are_taken(tmp_path: Path) -> No
     assert leftovers(out) == [f".out.palpate-run-{os.getpid()}-01234567"]
 
 
-def test_a_run_killed_in_the_swap_loses_nothing(tmp_path: Path) -> None:
+def test_a_run_killed_in_the_swap_loses_nothing(tmp_path):
     out, old = tmp_path / "out", tmp_path / "old"
     write_run(out, "new")
     write_run(old, "old")
@@ -222,11 +210,11 @@ def test_a_run_killed_in_the_swap_loses_nothing(tmp_path: Path) -> None:
     assert sorted(path.name for path in kept.iterdir()) == [MARKER, "late.txt"]
 
 
-def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(tmp_path: Path) -> None:
+def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(tmp_path):
     out = tmp_path / "out"
     write_run(out, "old")
 
-    def run_and_edit() -> None:
+    def run_and_edit():
         with run_folder(out) as fresh:
             (fresh / "a.txt").write_text("new")
             (out / "a.txt").write_text("my remarks")
@@ -238,7 +226,7 @@ def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(tmp_path: P
     assert contents(beside) == {"new"}
 
 
-def test_a_results_file_alone_does_not_make_a_folder_a_runs(tmp_path: Path) -> None:
+def test_a_results_file_alone_does_not_make_a_folder_a_runs(tmp_path):
     project = tmp_path / "project"
     project.mkdir()
     for name in (RESULTS, "block.toml", "block.msh"):
@@ -249,7 +237,7 @@ def test_a_results_file_alone_does_not_make_a_folder_a_runs(tmp_path: Path) -> N
     assert len(list(project.iterdir())) == 3
 
 
-def test_a_changed_file_of_an_old_run_is_somebodys_own(tmp_path: Path) -> None:
+def test_a_changed_file_of_an_old_run_is_somebodys_own(tmp_path):
     out = tmp_path / "out"
     write_run(out, "old")
     (out / "a.txt").write_text("my remarks")
@@ -261,7 +249,7 @@ def test_a_changed_file_of_an_old_run_is_somebodys_own(tmp_path: Path) -> None:
     assert contents(out) == {"new"}
 
 
-def test_a_marker_that_was_copied_along_gives_no_right_to_other_files(tmp_path: Path) -> None:
+def test_a_marker_that_was_copied_along_gives_no_right_to_other_files(tmp_path):
     out, project = tmp_path / "out", tmp_path / "project"
     write_run(out, "old")
     project.mkdir()
@@ -281,7 +269,7 @@ def test_a_marker_that_was_copied_along_gives_no_right_to_other_files(tmp_path: 
      '{"palpate_run": 1, "files": {"/etc/passwd": "0"}}', '{"palpate_run": 9, "files": {}}',
      "[" * 100_000],
 )  # fmt: skip
-def test_a_marker_that_cannot_be_read_is_no_leave_to_replace(tmp_path: Path, text: str) -> None:
+def test_a_marker_that_cannot_be_read_is_no_leave_to_replace(tmp_path, text):
     out = tmp_path / "out"
     out.mkdir()
     (out / MARKER).write_text(text)
@@ -291,7 +279,7 @@ def test_a_marker_that_cannot_be_read_is_no_leave_to_replace(tmp_path: Path, tex
     assert (out / "x").read_text() == "precious"
 
 
-def test_a_name_of_ones_own_that_the_new_run_needs_leaves_both(tmp_path: Path) -> None:
+def test_a_name_of_ones_own_that_the_new_run_needs_leaves_both(tmp_path):
     out = tmp_path / "out"
     with run_folder(out) as fresh:
         (fresh / RESULTS).write_text("old")
@@ -304,9 +292,7 @@ def test_a_name_of_ones_own_that_the_new_run_needs_leaves_both(tmp_path: Path) -
     assert contents(beside) == {"new"}
 
 
-def test_places_that_hold_more_than_a_run_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_places_that_hold_more_than_a_run_are_refused(tmp_path, monkeypatch):
     home, here = tmp_path / "home", tmp_path / "home" / "work" / "here"
     here.mkdir(parents=True)
     monkeypatch.setenv("HOME", str(home))

@@ -1,10 +1,7 @@
 """What Windows does not have is asked for before it is used: every module loads, a gate passes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
 
 # A stand-in for Windows, which nobody has tried: what Python does not have there is taken away
 # once the libraries of others, which choose by the system, have been loaded.
@@ -42,7 +39,7 @@ main()
 """
 
 
-def test_every_module_loads_and_a_gate_passes_without_posix(tmp_path: Path) -> None:
+def test_every_module_loads_and_a_gate_passes_without_posix(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_POSIX],
         capture_output=True,

@@ -255,14 +255,14 @@ class TractionSpec(OverTime):
         if liquid:
             raise ValueError(f'{", ".join(liquid)} goes with profile = "hydrostatic"')
         if (self.traction is None) != bool(self.values):
-            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 places")
+            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 positions")
         given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}
         if self.values and given:
             raise ValueError(f"values go without {', '.join(sorted(given))}")
         if given and len(given) < 3:
             raise ValueError("profile, start and end go together")
         if self.start is not None and self.start == self.end:
-            raise ValueError("start and end of a profile are the same place")
+            raise ValueError("start and end of a profile are the same position")
         return self
 
 

@@ -154,7 +154,7 @@ class CheckSpec(Table):
             known = ", ".join(about.components)
             raise ValueError(f"component of {self.metric} is one of {known}")
         if about.is_published and not self.expected:
-            raise ValueError("expected = 0 gives no scale; choose another component or place")
+            raise ValueError("expected = 0 gives no scale; choose another component or position")
 
     def _looks_somewhere(self) -> None:
         """Raise ValueError where a part of the body is missing, or given but not used."""

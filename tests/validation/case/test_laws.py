@@ -1,7 +1,5 @@
 """The law of a case: read, refused, written out for others, and posed by those who can."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -12,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_texts import OGDEN, RIVLIN
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.errors import InputError
@@ -26,12 +25,9 @@ from palpate.validation.peers import adapters
 CASES = Path(__file__).parents[3] / "validation" / "cases"
 ADAPTERS = Path(adapters.__file__).parent
 MODULI = "youngs_modulus = 10.0\npoissons_ratio = 0.3\n"
-CONSTANTS = 'law = "mooney-rivlin"\nc10 = 1.0\nc01 = 0.5\nbulk_modulus = 10.0\n'
-
-OGDEN = 'law = "ogden"\nmu_1 = 2.0\nalpha_1 = 1.5\nbulk_modulus = 10.0\n'
 
 
-def case_of(folder: Path, material: str) -> Path:
+def case_of(folder, material):
     text = (CASES / "stretch.toml").read_text(encoding="utf-8")
     assert MODULI in text
     shutil.copy(CASES / "stretch.vtu", folder)
@@ -41,7 +37,7 @@ def case_of(folder: Path, material: str) -> Path:
 
 
 def test_mooney_and_rivlins_constants_are_those_of_the_case(tmp_path):
-    material = load_case(case_of(tmp_path, CONSTANTS)).problem.material
+    material = load_case(case_of(tmp_path, RIVLIN)).problem.material
     mu, kappa = 3000.0, 10000.0
     assert (material.law, material.c01) == (Law.MOONEY_RIVLIN, 500.0)
     E = 9 * kappa * mu / (3 * kappa + mu)
@@ -65,31 +61,6 @@ def test_ogdens_constants_are_those_of_the_case(tmp_path):
         dataclasses.replace(problem, inclusions=(some,))
 
 
-@pytest.mark.parametrize(
-    ("material", "says"),
-    [
-        (MODULI + 'law = "neo-hokean"\n', "did you mean 'neo-hookean'"),
-        (MODULI + 'law = "mooney-rivlin"\n', "missing key 'material.c10'"),
-        ('law = "neo-hookean"\nyoungs_modulus = 1.0\n', "missing key 'material.poissons_ratio'"),
-        (MODULI + "c01 = 1.0\n", "takes youngs_modulus, poissons_ratio, not c01"),
-        (CONSTANTS + "youngs_modulus = 1.0\n", "not youngs_modulus"),
-        (MODULI + 'law = "ogden"\n', "missing key 'material.mu_1'"),
-        (MODULI + 'law = "corotational"\nmu_1 = 1.0\n', "not mu_1"),
-        (OGDEN + "alpha_2 = 3.0\n", "missing key 'material.mu_2'"),
-        (
-            OGDEN.replace("mu_1 = 2.0", "mu_1 = -2.0"),
-            "half the sum of mu_p alpha_p, must be above 0",
-        ),
-        (OGDEN.replace("alpha_1 = 1.5", "alpha_1 = 80.0"), "at most 50 in size"),
-        (CONSTANTS.replace("c10 = 1.0", "c10 = -0.5"), "must be above 0, or the body has no"),
-        (CONSTANTS.replace("= 10.0", "= -1.0"), "bulk_modulus = -1000 Pa"),
-    ],
-)
-def test_nonsense_is_refused(tmp_path, material, says):
-    with pytest.raises(InputError, match=says):
-        load_case(case_of(tmp_path, material)).problem  # noqa: B018  (built when asked for)
-
-
 def test_nonsense_is_refused_in_python():
     with pytest.raises(InputError, match="law = 'rubber' is not known"):
         Material(1e4, 0.3, law="rubber")
@@ -99,7 +70,7 @@ def test_nonsense_is_refused_in_python():
 
 def test_a_law_is_part_of_a_problems_file_and_key_and_the_usual_one_is_not(tmp_path):
     plain = load_case("stretch").problem
-    rubber = load_case(case_of(tmp_path, CONSTANTS)).problem
+    rubber = load_case(case_of(tmp_path, RIVLIN)).problem
     save_problem(tmp_path / "problem.npz", rubber)
     assert load_problem(tmp_path / "problem.npz").material == rubber.material
     of = load_case(case_of(tmp_path, MODULI + 'law = "neo-hookean"\n')).problem
@@ -116,7 +87,7 @@ def test_the_words_of_case_json_are_the_law(tmp_path, law):
     """Energy and stress as they stand there, worked out from the words and arrays alone."""
     text = MODULI + f'law = "{law}"\n'
     if law.has_c01:
-        text = CONSTANTS.replace("mooney-rivlin", law)
+        text = RIVLIN.replace("mooney-rivlin", law)
     problem = load_case(case_of(tmp_path, text)).problem
     write_case_folder(tmp_path / "out", problem, Strain.GREEN, name="law")
     case = json.loads((tmp_path / "out" / "case.json").read_text(encoding="utf-8"))
@@ -180,7 +151,7 @@ def test_rivals_that_know_a_law_agree_on_it(tmp_path, adapter, law, limit):
         pytest.skip("ccx is not installed")
     if adapter == "felupe_svk.py":
         pytest.importorskip("felupe")
-    text = CONSTANTS if law == "mooney-rivlin" else MODULI + f'law = "{law}"\n'
+    text = RIVLIN if law == "mooney-rivlin" else MODULI + f'law = "{law}"\n'
     done, problem = posed(adapter, tmp_path, text)
     assert done.returncode == 0, done.stderr
     with np.load(tmp_path / "result.npz") as answer:

@@ -1,15 +1,12 @@
 """Loads of cases: over faces, in profiles, over time, as moments and weights."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+from case_texts import FORCE, LIQUID, MOMENT, PARABOLA, VALUES
 
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
@@ -21,8 +18,7 @@ from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
-from palpate.validation.case import Case, load_case
-from palpate.validation.case.schema import CheckSpec
+from palpate.validation.case import load_case
 from palpate.validation.diagnosis.static_hypotheses import StaticResult, load_hypotheses
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.judging.judge import judge_case
@@ -34,17 +30,17 @@ from palpate.validation.states import Verdict
 NAMES = ("bend", "flight", "ring", "sphere", "submerged", "turned")
 
 
-def expected(name: str, metric: str, *, strain: Strain | None = None, at: int = 0) -> float:
+def expected(name, metric, *, strain=None, at=0):
     """The number that the checks of a metric expect, of the candidate and the truth alike."""
     case = load_case(name)
-    found: list[float] = []
+    found = []
     for check in case.checks:
         if check.metric == metric and check.strain is strain and check.expected is not None:
             found += [check.expected] if check.expected not in found else []
     return found[at]
 
 
-def lame(name: str) -> tuple[float, float, float]:
+def lame(name):
     """E in the case's unit, nu and the pressure."""
     spec = load_case(name).spec
     (load,) = spec.load
@@ -52,7 +48,7 @@ def lame(name: str) -> tuple[float, float, float]:
     return spec.material.youngs_modulus, spec.material.poissons_ratio, load.pressure
 
 
-def test_the_ring_is_lames_in_plane_strain() -> None:
+def test_the_ring_is_lames_in_plane_strain():
     E, nu, p = lame("ring")
     a, b, height = 10.0, 20.0, 2.0
     # Constants of the displacement c r + d / r from its stresses at both radii.
@@ -77,7 +73,7 @@ def test_the_ring_is_lames_in_plane_strain() -> None:
     )
 
 
-def pressure_of_sphere(E: float, nu: float, outer: float, steps: int) -> tuple[float, float]:
+def pressure_of_sphere(E, nu, outer, steps):
     """Inner radius and pressure of a sphere of radii 1 and 2 whose outer one has become `outer`.
 
     From outside in: dr/dR = the radial stretch x with x (lmbda tr E + 2 mu E_R) = P, and
@@ -86,7 +82,7 @@ def pressure_of_sphere(E: float, nu: float, outer: float, steps: int) -> tuple[f
     lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
     stretch = math.sqrt(1.0 - 2.0 * lmbda * ((outer / 2.0) ** 2 - 1.0) / (lmbda + 2.0 * mu))
 
-    def rates(R: float, r: float, P: float) -> tuple[float, float]:
+    def rates(R, r, P):
         nonlocal stretch
         e = 0.5 * ((r / R) ** 2 - 1.0)
         for _ in range(40):
@@ -112,7 +108,7 @@ def pressure_of_sphere(E: float, nu: float, outer: float, steps: int) -> tuple[f
     return r, -P / r**2
 
 
-def test_the_sphere_obeys_its_differential_equation() -> None:
+def test_the_sphere_obeys_its_differential_equation():
     E, nu, p = lame("sphere")
     low, high = 2.0, 2.1
     for _ in range(40):
@@ -133,13 +129,12 @@ def test_the_sphere_obeys_its_differential_equation() -> None:
     assert found > 1.2 * by_lame
 
 
-def test_the_turned_bar_is_homogeneous() -> None:
+def test_the_turned_bar_is_homogeneous():
     case = load_case("turned")
     problem = case.problem
     one, other = problem.supports
     assert one.rotation == other.rotation
     turn = one.rotation
-    assert turn is not None
     K = np.cross(np.eye(3), turn.axis)
     # exp of the cross product's matrix, as a power series.
     R = sum(np.linalg.matrix_power(turn.angle * K, k) / float(math.factorial(k)) for k in range(30))
@@ -158,7 +153,7 @@ def test_the_turned_bar_is_homogeneous() -> None:
     assert expected("turned", "published_displacement") == pytest.approx(u[1], rel=1e-12)
 
 
-def test_the_bent_beam_is_saint_venants() -> None:
+def test_the_bent_beam_is_saint_venants():
     case = load_case("bend")
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
@@ -179,14 +174,14 @@ def test_the_bent_beam_is_saint_venants() -> None:
     assert expected("bend", "published_energy") == pytest.approx(energy, rel=1e-12)
 
 
-def test_what_is_submerged_is_in_hydrostatic_balance() -> None:
+def test_what_is_submerged_is_in_hydrostatic_balance():
     case = load_case("submerged")
     E, nu = 1e3 * case.spec.material.youngs_modulus, case.spec.material.poissons_ratio
     K, weight, depth = E / (3.0 * (1.0 - 2.0 * nu)), 9810.0, 0.1
     size = np.array([0.04, 0.025, 0.02])
     c = weight / (3.0 * K)
 
-    def strain(z: float) -> float:
+    def strain(z):
         return -weight * (depth - z) / (3.0 * K)
 
     assert expected("submerged", "published_displacement") == pytest.approx(
@@ -213,11 +208,9 @@ def test_what_is_submerged_is_in_hydrostatic_balance() -> None:
         assert np.abs(load.at(x)).max(axis=1) == pytest.approx(weight * (depth - x[:, 2]))
 
 
-def test_what_flies_keeps_its_momentum_and_turns_as_a_rigid_body() -> None:
+def test_what_flies_keeps_its_momentum_and_turns_as_a_rigid_body():
     problem = load_case("flight").problem
-    mesh, span, start = problem.mesh, problem.time, problem.initial_velocity
-    assert span is not None
-    assert start is not None
+    mesh, start = problem.mesh, problem.initial_velocity
     mass = np.bincount(mesh.cells.ravel(), np.repeat(250.0 * mesh.cell_volumes, 4), mesh.num_points)
     motion = simulate(problem)
     assert problem.supports == problem.loads == ()
@@ -244,7 +237,7 @@ def test_what_flies_keeps_its_momentum_and_turns_as_a_rigid_body() -> None:
     assert numbers == pytest.approx([30.0, rigid[1]], rel=1e-12)
 
 
-def test_the_meshes_are_what_the_cases_say() -> None:
+def test_the_meshes_are_what_the_cases_say():
     bricks = brick_box((4, 5, 1), (1.0, 1.0, 1.0))
     r, angle = 10.0 + 10.0 * bricks.points[:, 0], math.radians(30.0) * bricks.points[:, 1]
     places = np.stack([r * np.cos(angle), r * np.sin(angle), 2.0 * bricks.points[:, 2]], axis=1)
@@ -274,14 +267,14 @@ def test_the_meshes_are_what_the_cases_say() -> None:
 
 
 @functools.cache
-def healthy(name: str) -> dict[tuple[str, str], int]:
+def healthy(name):
     """How many checks are red without a fault, by metric and whom they are against."""
     return reds(name, Fault.NONE)
 
 
-def reds(name: str, fault: Fault) -> dict[tuple[str, str], int]:
+def reds(name, fault):
     candidate = with_fault(fastsim_candidate(), fault)
-    found: dict[tuple[str, str], int] = {}
+    found = {}
     for check in judge_case(load_case(name), candidate=candidate, diagnoses=False).checks:
         if check.verdict is Verdict.FAILED:
             key = check.metric, check.against
@@ -303,7 +296,7 @@ FAULTS = {
 @pytest.mark.parametrize(
     ("name", "fault"), [(name, fault) for name in NAMES for fault in FAULTS[name]]
 )
-def test_a_spoiled_answer_goes_red(name: str, fault: Fault) -> None:
+def test_a_spoiled_answer_goes_red(name, fault):
     added = {key for key, count in reds(name, fault).items() if count > healthy(name).get(key, 0)}
     assert added
 
@@ -322,14 +315,14 @@ def test_a_spoiled_answer_goes_red(name: str, fault: Fault) -> None:
         ("submerged", "published_stress", Fault.DROPPED_LOAD),
     ],
 )
-def test_a_number_goes_red_without_any_reference(name: str, metric: str, fault: Fault) -> None:
+def test_a_number_goes_red_without_any_reference(name, metric, fault):
     assert (metric, "candidate") not in healthy(name)
     assert (metric, "candidate") in reds(name, fault)
 
 
-def test_the_cases_say_how_to_check_every_published_number() -> None:
+def test_the_cases_say_how_to_check_every_published_number():
     """Between them the built-in cases hold every kind of number against a closed form."""
-    checks: list[CheckSpec] = [check for name in NAMES for check in load_case(name).checks]
+    checks = [check for name in NAMES for check in load_case(name).checks]
     kinds = {check.metric for check in checks if check.about.is_published}
     assert kinds == {
         "published_displacement",
@@ -340,60 +333,39 @@ def test_the_cases_say_how_to_check_every_published_number() -> None:
     }
 
 
-Write = Callable[..., Path]
-FORCE = 'kind = "force"\nforce = [60.0, 20.0, -10.0]'
 MILLI = '\n[units]\nlength = "mm"\nforce = "mN"\nstress = "kPa"\n'
 
 
-def case_of(write_case: Write, load: str, units: str = "") -> Case:
+def case_of(write_case, load, units=""):
     return load_case(write_case((FORCE, load), ("\n[geometry]", units + "\n[geometry]")))
 
 
-def load_of(case: Case) -> Traction:
+def load_of(case):
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
     return load
 
 
-VALUES = """kind = "traction"
-values = [
-    { at = [2, 0, 0], traction = [0, 0, 0] },
-    { at = [2, 1, 0], traction = [0, 0, 8] },
-    { at = [2, 0, 1], traction = [4, 0, 0] },
-]"""
-PARABOLA = """kind = "traction"
-traction = [0.0, 0.0, 30.0]
-profile = "parabolic"
-start = [2, 0, 0]
-end = [2, 0, 1]"""
-LIQUID = """kind = "traction"
-profile = "hydrostatic"
-density = 1000.0
-gravity = [0.0, 0.0, -10.0]
-free_surface = [7.0, 7.0, 1.5]"""
-MOMENT = 'kind = "moment"\nmoment = [0.0, 5.0, 0.0]'
-
-
-def test_values_at_places(write_case: Write) -> None:
+def test_values_at_places(write_case):
     load = load_of(case_of(write_case, VALUES))
     assert load.at(np.array([2.0, 0.5, 0.5])) == pytest.approx([2.0, 0.0, 4.0])
     in_units = load_of(case_of(write_case, VALUES, MILLI))
     assert in_units.at(1e-3 * np.array([2.0, 0.5, 0.5])) == pytest.approx([2e3, 0.0, 4e3])
 
 
-def test_a_profile(write_case: Write) -> None:
+def test_a_profile(write_case):
     load = load_of(case_of(write_case, PARABOLA))
     # 4 * 0.25 * 0.75 of 30.
     assert load.at(np.array([2.0, 0.3, 0.25])) == pytest.approx([0.0, 0.0, 22.5])
 
 
-def test_a_moment_is_in_units_of_force_times_length(write_case: Write) -> None:
+def test_a_moment_is_in_units_of_force_times_length(write_case):
     # 5 mN mm on a square of 1 mm: t = M z / I = 5 (0.5) 12 kPa, z from the middle.
     load = load_of(case_of(write_case, MOMENT, MILLI))
     assert load.at(1e-3 * np.array([2.0, 0.2, 1.0])) == pytest.approx([30e3, 0.0, 0.0], abs=1e-6)
 
 
-def test_a_liquid_presses_with_its_depth(write_case: Write) -> None:
+def test_a_liquid_presses_with_its_depth(write_case):
     load = load_of(case_of(write_case, LIQUID))
     # rho g (1.5 - z) against +x, the outward normal of the end.
     assert load.at(np.array([2.0, 0.3, 0.25])) == pytest.approx([-12.5e3, 0.0, 0.0])
@@ -412,7 +384,7 @@ def test_a_liquid_presses_with_its_depth(write_case: Write) -> None:
     assert "force on a surface, varying, [-1e+04, 0, 0] N" in look
 
 
-def test_a_liquid_on_what_is_no_flat_face_below_it_is_refused(write_case: Write) -> None:
+def test_a_liquid_on_what_is_no_flat_face_below_it_is_refused(write_case):
     low = LIQUID.replace("[7.0, 7.0, 1.5]", "[0.0, 0.0, 0.75]")
     with pytest.raises(InputError, match=r"load 1: .* reaches 0\.25 m above the free surface"):
         assert case_of(write_case, low).problem
@@ -429,48 +401,7 @@ def test_a_liquid_on_what_is_no_flat_face_below_it_is_refused(write_case: Write)
         profile_traction(end, (1, 0, 0), Profile.HYDROSTATIC, (0, 0, 0), (1, 0, 0))
 
 
-@pytest.mark.parametrize(
-    ("load", "complaint"),
-    [
-        (LIQUID.replace("density = 1000.0\n", ""), "needs density, gravity and free_surface"),
-        (LIQUID + "\nstart = [0, 0, 0]", "goes without traction, values, start and end"),
-        (LIQUID + "\ntraction = [0, 0, 0]", "goes without traction"),
-        (LIQUID.replace("hydrostatic", "linear"), 'goes with profile = "hydrostatic"'),
-        (LIQUID.replace("1000.0", "-1000.0"), "greater than 0"),
-        (LIQUID.replace("-10.0", "0.0"), "presses nothing"),
-        ('kind = "traction"', "needs traction, alone or with a profile, or values"),
-        (VALUES + "\ntraction = [1, 0, 0]", "needs traction, alone or with a profile, or values"),
-        (VALUES + "\nstart = [1, 0, 0]", "values go without start"),
-        (PARABOLA.replace("end = [2, 0, 1]", ""), "profile, start and end go together"),
-        (PARABOLA.replace("end = [2, 0, 1]", "end = [2, 0, 0]"), "are the same place"),
-        (PARABOLA.replace("parabolic", "parabolik"), "parabolic"),
-        (VALUES.replace("traction = [4", "tracton = [4"), "tracton"),
-        (VALUES.replace("[4, 0, 0]", "[4, 0, nan]"), "finite"),
-        (MOMENT.replace("[0.0, 5.0, 0.0]", "5.0"), "moment"),
-    ],
-)
-def test_bad_tables_are_named(write_case: Write, load: str, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        case_of(write_case, load)
-
-
-def test_values_of_no_affine_field_are_named_with_their_load(write_case: Write) -> None:
-    bent = """kind = "traction"
-values = [
-    { at = [2, 0, 0], traction = [0, 0, 0] },
-    { at = [2, 0, 0.5], traction = [0, 0, 1] },
-    { at = [2, 0, 1], traction = [0, 0, 5] },
-]"""
-    with pytest.raises(InputError, match=r"load 1: .*not those of one affine field"):
-        assert case_of(write_case, bent).problem
-
-
-def test_what_is_too_large_to_compute_with_is_refused(write_case: Write) -> None:
-    with pytest.raises(InputError, match="too large"):
-        assert case_of(write_case, VALUES.replace("8]", "1e200]")).problem
-
-
-def test_check_tells_the_moment_and_draws_the_spread(write_case: Write, tmp_path: Path) -> None:
+def test_check_tells_the_moment_and_draws_the_spread(write_case, tmp_path):
     case = case_of(write_case, MOMENT)
     lines = "\n".join(describe_case(case).lines)
     assert "moment, its force [0, 0, 0] N" in lines
@@ -479,7 +410,7 @@ def test_check_tells_the_moment_and_draws_the_spread(write_case: Write, tmp_path
     assert (tmp_path / "case.png").stat().st_size > 5000
 
 
-def test_a_profile_taken_as_uniform_is_found(write_case: Write) -> None:
+def test_a_profile_taken_as_uniform_is_found(write_case):
     from palpate.fastsim.statics import solve_static
 
     case = case_of(write_case, VALUES)

@@ -1,13 +1,10 @@
 """Supports along slanted planes, turns and springs of cases."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+from case_texts import BACK, CLAMP, END, FLOOR, LOAD, ROOT, SPRING
 
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.springs import PatchSprings
@@ -16,8 +13,7 @@ from palpate.meshes.boundary_conditions import Rotation
 from palpate.meshes.bricks import side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, InitialVelocity, Strain
-from palpate.validation.case import Case, load_case
-from palpate.validation.case.load import CaseError
+from palpate.validation.case import load_case
 from palpate.validation.case.regions import flat_normal
 from palpate.validation.diagnosis.diagnose import diagnose
 from palpate.validation.exchange.case_folder import write_case_folder
@@ -29,22 +25,14 @@ from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import describe_case
 
-Write = Callable[..., Path]
-CLAMP = "[[support]]\nregion = { half_space = { point = [0.001, 0.0, 0.0], "
-CLAMP += "normal = [-1.0, 0.0, 0.0] } }"
-SIDE = "region = {{ half_space = {{ point = {}, normal = {} }} }}\n"
-ROOT = SIDE.format([0.001, 0.0, 0.0], [-1.0, 0.0, 0.0])
-FLOOR = SIDE.format([0.0, 0.0, 0.001], [0.0, 0.0, -1.0])
-BACK = SIDE.format([0.0, 0.001, 0.0], [0.0, -1.0, 0.0])
-END = SIDE.format([1.999, 0.0, 0.0], [1.0, 0.0, 0.0])
 TIME = "[time]\nend_time = 0.02\ntime_step = 1e-3\nnum_outputs = 4\n\n[[load]]"
 
 
-def three_walls(how: str) -> str:
+def three_walls(how):
     return "".join(f"[[support]]\n{region}{how}\n" for region in (ROOT, FLOOR, BACK))
 
 
-def test_a_flat_face_along_an_axis_is_a_support_of_that_component(write_case: Write) -> None:
+def test_a_flat_face_along_an_axis_is_a_support_of_that_component(write_case):
     problem = load_case(write_case((CLAMP, three_walls("sliding = true")))).problem
     assert [s.components for s in problem.supports] == [
         (True, False, False),
@@ -54,7 +42,7 @@ def test_a_flat_face_along_an_axis_is_a_support_of_that_component(write_case: Wr
     assert sliding_points(problem) is None
 
 
-def test_both_sides_of_a_slab_slide_as_one_support_in_plane_strain(write_case: Write) -> None:
+def test_both_sides_of_a_slab_slide_as_one_support_in_plane_strain(write_case):
     both = "[[support]]\nregion = { box = { min = [-1, -1, -1], max = [3, 2, 2] } }\nsliding = true"
     with pytest.raises(InputError, match=r"support 1: sliding needs a flat face.*differ by"):
         assert load_case(write_case((CLAMP, both))).problem
@@ -63,48 +51,20 @@ def test_both_sides_of_a_slab_slide_as_one_support_in_plane_strain(write_case: W
     assert flat_normal(mesh, sides, "support 1") in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 
 
-def slanted(write_case: Write, *changes: tuple[str, str]) -> Path:
+def slanted(write_case, *changes):
     walls = three_walls("").replace(BACK, BACK + "normal = [0.0, 3.0, 4.0]")
     return write_case((CLAMP, walls), *changes)
 
 
-def test_a_normal_holds_along_it_alone(write_case: Write) -> None:
+def test_a_normal_holds_along_it_alone(write_case):
     case = load_case(slanted(write_case))
     problem = case.problem
     assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
     lines = "\n".join(describe_case(case).lines)
     assert "slides along its plane, normal [0, 0.6, 0.8], fixed" in lines
     slopes = sliding_points(problem)
-    assert slopes is not None
     # On the clamped root and floor nothing slides any more.
     assert not np.isin(problem.supports[0].points, slopes.points).any()
-
-
-@pytest.mark.parametrize(
-    ("how", "complaint"),
-    [
-        ("sliding = true\nnormal = [1, 0, 0]", "sliding and normal do not go together"),
-        ("sliding = true\ncomponents = ['x']", "components and sliding do not go together"),
-        ("normal = [0, 0, 0]", "is no direction"),
-        ("rotation = { axis = [0, 0, 0], center = [0, 0, 0], angle_deg = 3 }", "turns nothing"),
-        (
-            "components = ['x']\n"
-            "rotation = { axis = [0, 0, 1], center = [0, 0, 0], angle_deg = 3 }",
-            "components and rotation do not go together",
-        ),
-        ("rotation = { axis = [0, 0, 1], angle_deg = 3 }", "center"),
-        ("rotation = { axis = [0, 0, 1], center = [0, 0, 0], angle = 3 }", "angle_deg"),
-    ],
-)
-def test_bad_supports_are_named(write_case: Write, how: str, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        load_case(write_case((CLAMP, f"[[support]]\n{ROOT}{how}")))
-
-
-def test_walls_that_leave_it_afloat_are_refused(write_case: Write) -> None:
-    loose = f"[[support]]\n{BACK}normal = [0.0, 3.0, 4.0]"
-    with pytest.raises(InputError, match="rigid motions are free"):
-        assert load_case(write_case((CLAMP, loose))).problem
 
 
 TURNED = (
@@ -113,49 +73,50 @@ TURNED = (
 )
 
 
-def test_a_turned_face(write_case: Write, tmp_path: Path) -> None:
+def test_a_turned_face(write_case, tmp_path):
     case = load_case(write_case((CLAMP, TURNED)))
     support = case.problem.supports[1]
     assert support.rotation == Rotation((1.0, 0.0, 0.0), (2.0, 0.5, 0.5), np.deg2rad(30.0))
     lines = "\n".join(describe_case(case).lines)
     assert "turned by 30 degrees about [1, 0, 0] through [2, 0.5, 0.5] m" in lines
     draw_case(case, tmp_path / "case.png")
-    found = solve_static(case.problem).displacement
-    body = Body(case.problem, case.strain)
-    assert body.miss(found) < 1e-12
-    left, scale = body.out_of_balance(found)
-    assert np.abs(left).max() < 1e-8 * scale
+    balanced(case.problem)
 
 
-def test_equilibrium_on_slanted_walls_is_judged_along_them(write_case: Write) -> None:
-    problem = load_case(slanted(write_case)).problem
+def balanced(problem):
+    """The judge's body and its equilibrium, which it finds in balance and on its supports."""
     found = solve_static(problem).displacement
     body = Body(problem, Strain.GREEN)
     assert body.miss(found) < 1e-12
     left, scale = body.out_of_balance(found)
     assert np.abs(left).max() < 1e-8 * scale
+    return body, found, scale
+
+
+def test_equilibrium_on_slanted_walls_is_judged_along_them(write_case):
+    problem = load_case(slanted(write_case)).problem
+    body, found, scale = balanced(problem)
     # And a wall that is not there is seen.
     off = found.copy()
-    off[body.slopes.points] += 1e-3 * np.array([0.0, 0.6, 0.8])  # type: ignore[union-attr]
+    off[body.slopes.points] += 1e-3 * np.array([0.0, 0.6, 0.8])
     assert body.miss(off) > 1e-3
     assert np.abs(free_part(problem, body.out_of_balance(off)[0])).max() > 1e-6 * scale
-
-
-def test_pushes_of_walls_hold_the_loads(write_case: Write) -> None:
-    problem = load_case(slanted(write_case)).problem
-    found = solve_static(problem).displacement
-    body = Body(problem, Strain.GREEN)
-    pushes = body.support_reactions(found)
-    # Root and floor hold all components here; what they share counts for both.
-    wall = pushes[2]
+    # Root and floor fix all components here; what they have in common counts for both.
+    wall = body.support_reactions(found)[2]
     assert np.abs(np.cross(wall, [0.0, 0.6, 0.8])).max() < 1e-12 * np.abs(wall).max()
-    only = pushes_of_supports(problem, np.zeros_like(found))
-    assert not only.any()
+    assert not pushes_of_supports(problem, np.zeros_like(found)).any()
 
 
-def test_a_motion_starts_with_a_velocity_and_needs_no_support(
-    write_case: Write, tmp_path: Path
-) -> None:
+def same_steps(case):
+    """The motion by the judge's own steps, which fastsim's are."""
+    ours = simulate(case.problem, strain=case.strain)
+    stepper = Stepper(Body(case.problem, case.strain), 1e-3, 5, 4)
+    theirs = np.array(list(stepper.outputs(MotionHypothesis())))
+    assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
+    return theirs
+
+
+def test_a_motion_starts_with_a_velocity_and_needs_no_support(write_case, tmp_path):
     start = "[initial_velocity]\nvelocity = [0.0, 0.0, 1.0]\nangular_velocity = [0.0, 2.0, 0.0]\n"
     start += "center = [1.0, 0.5, 0.5]\n\n"
     path = write_case((CLAMP, ""), ("[[load]]", start + TIME))
@@ -163,53 +124,37 @@ def test_a_motion_starts_with_a_velocity_and_needs_no_support(
     problem = case.problem
     assert problem.initial_velocity == InitialVelocity((0, 0, 1), (0, 2, 0), (1.0, 0.5, 0.5))
     assert any(line.startswith("starts") for line in describe_case(case).lines)
-    ours = simulate(problem, strain=case.strain)
-    stepper = Stepper(Body(problem, case.strain), 1e-3, 5, 4)
-    theirs = np.array(list(stepper.outputs(MotionHypothesis())))
-    assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
+    same_steps(case)
     write_case_folder(tmp_path / "out", problem, case.strain, name="free")
-    told = json.loads((tmp_path / "out" / "case.json").read_text())
-    assert told["time"]["starts"] == "at initial_velocity"
+    document = json.loads((tmp_path / "out" / "case.json").read_text())
+    assert document["time"]["starts"] == "at initial_velocity"
     with np.load(tmp_path / "out" / "rest.npz") as arrays:
         assert np.abs(arrays["initial_velocity"]).max() > 1.0
 
 
-def test_an_initial_velocity_without_time_is_refused(write_case: Write) -> None:
-    start = "[initial_velocity]\nvelocity = [0.0, 0.0, 1.0]\n\n[[load]]"
-    with pytest.raises(InputError, match=r"initial_velocity is of a motion: give \[time\]"):
-        load_case(write_case(("[[load]]", start)))
-
-
-def test_steps_along_moving_slanted_walls_by_the_words_alone(
-    write_case: Write, tmp_path: Path
-) -> None:
+def test_steps_along_moving_slanted_walls_by_the_words_alone(write_case, tmp_path):
     ramp = "amplitude = { times = [0.0, 0.02], factors = [0.0, 1.0] }\ndisplacement = [0, 0, 0.05]"
     walls = three_walls("").replace(BACK, BACK + "normal = [0.0, 3.0, 4.0]\n" + ramp)
     walls = walls.replace("[[support]]\n" + FLOOR, "").replace(ROOT, ROOT + "components = ['x']")
     case = load_case(write_case((CLAMP, walls), ("[[load]]", TIME)))
     problem = case.problem
-    ours = simulate(problem, strain=case.strain)
-    theirs = np.array(
-        list(Stepper(Body(problem, case.strain), 1e-3, 5, 4).outputs(MotionHypothesis()))
-    )
-    assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
+    last = same_steps(case)[-1]
     # What an outside simulator is given says where the walls are.
     write_case_folder(tmp_path / "out", problem, case.strain, name="slides")
     with np.load(tmp_path / "out" / "rest.npz") as arrays:
         normals = arrays["sliding_normals"].reshape(-1, 2, 3)
-        places, numbers = arrays["sliding_displacement"], arrays["sliding_support"]
+        moved, numbers = arrays["sliding_displacement"], arrays["sliding_support"]
         fixed = arrays["fixed"]
-    last = theirs[-1]
     along = np.einsum("nkj,nj->nk", normals, last)
     slides = np.abs(normals).any(axis=(1, 2))
     assert slides.any()
-    # What slides keeps a direction; at the root, where x is held too, just one.
+    # What slides keeps a direction; at the root, where x is fixed too, just one.
     assert fixed[slides].sum(axis=1).max() == 1
-    assert np.abs(along - places)[slides].max() < 1e-12
+    assert np.abs(along - moved)[slides].max() < 1e-12
     assert set(numbers[slides]) == {1}
 
 
-def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> None:
+def test_what_slides_and_flies_is_drawn(write_case, tmp_path):
     start = "[initial_velocity]\nangular_velocity = [0.0, 2.0, 0.0]\n\n" + TIME
     draw_case(load_case(slanted(write_case)), tmp_path / "slides.png")
     flies = load_case(write_case((CLAMP, ""), ("[[load]]", start)))
@@ -218,36 +163,25 @@ def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> No
 
 
 @pytest.mark.dolfinx
-def test_both_audits_know_slanted_walls(write_case: Write) -> None:
+def test_both_audits_know_slanted_walls(write_case):
     from palpate.reference.audit import audit_displacement
-    from palpate.validation.metrics.audit import audit_on_own_mesh
 
     problem = load_case(slanted(write_case)).problem
     found = solve_static(problem).displacement
     audit = audit_displacement(problem, found, strain=Strain.GREEN, degree=1)
     assert audit.residual_norm < 1e-6
     assert audit.support_gap < 1e-12
-    spoiled = audit_displacement(problem, 1.01 * found, strain=Strain.GREEN, degree=1)
-    assert spoiled.displacement_error == pytest.approx(0.01, rel=0.05)
+    perturbed = audit_displacement(problem, 1.01 * found, strain=Strain.GREEN, degree=1)
+    assert perturbed.displacement_error == pytest.approx(0.01, rel=0.05)
     own = audit_on_own_mesh(problem, 1.01 * found, Strain.GREEN)
-    assert own.displacement_error == pytest.approx(spoiled.displacement_error, rel=1e-6)
+    assert own.displacement_error == pytest.approx(perturbed.displacement_error, rel=1e-6)
 
 
-LOAD = "[[load]]"
-SPRING = """[[spring]]
-center = [1.5, 0.5, 1.0]
-radius = 0.6
-stiffness = 80.0
-displacement = [0.1, 0.0, 0.3]
-
-[[load]]"""
-
-
-def case_of(write_case: Write, spring: str = SPRING, units: str = "") -> Case:
+def case_of(write_case, spring=SPRING, units=""):
     return load_case(write_case((LOAD, spring), ("\n[geometry]", units + "\n[geometry]")))
 
 
-def test_what_it_builds(write_case: Write) -> None:
+def test_what_it_builds(write_case):
     (spring,) = case_of(write_case).problem.springs
     assert spring.path.end.tolist() == [0.1, 0.0, 0.3]
     assert spring.stiffness == 80.0
@@ -267,39 +201,7 @@ def test_what_it_builds(write_case: Write) -> None:
     assert small.path.end == pytest.approx([1e-4, 0.0, 3e-4])
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (("stiffness = 80.0", "stiffness = 0.0"), "spring.*stiffness"),
-        (("radius = 0.6", "radius = -1"), "spring.*radius"),
-        (("displacement = [0.1, 0.0, 0.3]", ""), "needs displacement or path"),
-        (("radius = 0.6", "radius = 0.6\nsmooth = true"), "smooth goes with path"),
-        (("radius = 0.6", "radius = 0.6\nregion = 1"), "region"),
-    ],
-)
-def test_what_the_schema_refuses(write_case: Write, change: tuple[str, str], says: str) -> None:
-    with pytest.raises(CaseError, match=says):
-        case_of(write_case, SPRING.replace(*change))
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (("center = [1.5, 0.5, 1.0]", "center = [1.5, 0.5, 9.0]"), "spring 1: .*8 m away"),
-        (("center = [1.5, 0.5, 1.0]\nradius = 0.6", "center = [1.3, 0.3, 1]\nradius = 0.01"),
-         "spring 1: .*larger radius"),
-        (("stiffness = 80.0", "stiffness = 1e300"), "spring 1: .*too large"),
-        (("stiffness = 80.0", "stiffness = 80.0\namplitude = { times = [0], factors = [3] }"),
-         "between 0 and 1"),
-    ],
-)  # fmt: skip
-def test_what_the_mesh_refuses(write_case: Write, change: tuple[str, str], says: str) -> None:
-    case = case_of(write_case, SPRING.replace(*change))
-    with pytest.raises(InputError, match=says):
-        _ = case.problem
-
-
-def test_the_judge_has_the_same_force_by_its_own_quadrature(write_case: Write) -> None:
+def test_the_judge_has_the_same_force_by_its_own_quadrature(write_case):
     problem = case_of(write_case).problem
     mesh, spring = problem.mesh, problem.springs[0]
     patches = PatchSprings(mesh.points, problem.springs)
@@ -311,7 +213,7 @@ def test_the_judge_has_the_same_force_by_its_own_quadrature(write_case: Write) -
 
 
 @pytest.mark.parametrize("element", list(Element))
-def test_the_judge_finds_the_answer_in_balance(write_case: Write, element: Element) -> None:
+def test_the_judge_finds_the_answer_in_balance(write_case, element):
     problem = case_of(write_case).problem
     found = solve_static(problem, element=element).displacement
     body = Body(problem, Strain.GREEN, element)
@@ -321,13 +223,12 @@ def test_the_judge_finds_the_answer_in_balance(write_case: Write, element: Eleme
         -body.pull_of_springs(found).sum(axis=0) - sum(body.loads(found)).sum(axis=0)
     )
     audit = audit_on_own_mesh(problem, found, Strain.GREEN, element)
-    assert audit.displacement_error is not None
     assert audit.displacement_error < 1e-8
     halfway = audit_on_own_mesh(problem, 0.99 * found, Strain.LINEAR, Element.LINEAR)
     assert halfway.relative_residual_norm > 1e-3
 
 
-def test_what_is_told_drawn_and_written_out(write_case: Write, tmp_path: Path) -> None:
+def test_what_is_told_drawn_and_written_out(write_case, tmp_path):
     case = case_of(write_case)
     told = describe_case(case).lines
     assert any(line.startswith("spring 1") and "80 N/m over" in line for line in told), told
@@ -338,7 +239,7 @@ def test_what_is_told_drawn_and_written_out(write_case: Write, tmp_path: Path) -
     assert spring["path"]["displacements"] == [[0.1, 0.0, 0.3]]
 
 
-def test_a_wrong_answer_is_not_explained_by_slips_that_know_no_spring(write_case: Write) -> None:
+def test_a_wrong_answer_is_not_explained_by_slips_that_know_no_spring(write_case):
     problem = case_of(write_case).problem
     found = solve_static(problem).displacement
     state = make_state(problem.mesh, 1.3 * found, label="x", simulator="x", strain=Strain.GREEN)

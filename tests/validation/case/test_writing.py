@@ -1,18 +1,13 @@
 """`palpate init` and `palpate schema`: every key is there, described, and what stands is valid."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import BaseModel
 
 import palpate as palpate_api
 from palpate.meshes.bricks import brick_box
@@ -25,14 +20,14 @@ from palpate.validation.case.schema_keys import editor_schema, tables_of
 from palpate.validation.case.writing import first_case
 
 
-def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
+def palpate(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
 
 
-def all_models(model: type[BaseModel], seen: set[type[BaseModel]]) -> set[type[BaseModel]]:
+def all_models(model, seen):
     seen.add(model)
     for field in model.model_fields.values():
         for kind in tables_of(field):
@@ -41,7 +36,7 @@ def all_models(model: type[BaseModel], seen: set[type[BaseModel]]) -> set[type[B
     return seen
 
 
-def keys_in(model: type[BaseModel], found: dict[str, Any]) -> set[tuple[str, str]]:
+def keys_in(model, found):
     """Every (kind of table, key) of a file in which nothing is a comment any more."""
     keys = set()
     for name, field in model.model_fields.items():
@@ -57,15 +52,15 @@ def keys_in(model: type[BaseModel], found: dict[str, Any]) -> set[tuple[str, str
     return keys
 
 
-def words_of(kind: type[BaseModel]) -> str:
+def words_of(kind):
     return json.dumps(kind.model_json_schema()["properties"].get("kind", ""))
 
 
-def uncommented(text: str) -> dict[str, Any]:
+def uncommented(text):
     return tomllib.loads(re.sub(r"^#(?=[a-z\[])", "", text, flags=re.MULTILINE))
 
 
-def test_every_key_of_the_schema_is_in_a_first_case(tmp_path: Path) -> None:
+def test_every_key_of_the_schema_is_in_a_first_case(tmp_path):
     text = first_case(None, target=tmp_path / "my.toml")
     wanted = {
         (model.__name__, field.alias or name)
@@ -76,7 +71,7 @@ def test_every_key_of_the_schema_is_in_a_first_case(tmp_path: Path) -> None:
     assert wanted - keys_in(CaseSpec, uncommented(text)) == set()
 
 
-def test_every_key_of_a_first_case_has_what_the_schema_says_beside_it(tmp_path: Path) -> None:
+def test_every_key_of_a_first_case_has_what_the_schema_says_beside_it(tmp_path):
     lines = first_case(None, target=tmp_path / "my.toml").splitlines()
     for model in all_models(CaseSpec, set()):
         for name, field in model.model_fields.items():
@@ -90,7 +85,7 @@ def test_every_key_of_a_first_case_has_what_the_schema_says_beside_it(tmp_path: 
             assert told, (model.__name__, name)
 
 
-def test_a_first_case_without_a_body_is_valid_as_it_stands_and_passes(tmp_path: Path) -> None:
+def test_a_first_case_without_a_body_is_valid_as_it_stands_and_passes(tmp_path):
     path = tmp_path / "my.toml"
     done = palpate("init", "-o", path)
     assert done.returncode == 0, done.stderr
@@ -102,9 +97,7 @@ def test_a_first_case_without_a_body_is_valid_as_it_stands_and_passes(tmp_path: 
 
 
 @pytest.mark.parametrize("unit", ["mm", "cm", "m"])
-def test_supports_and_loads_are_guessed_from_the_extents_of_a_surface(
-    tmp_path: Path, unit: str
-) -> None:
+def test_supports_and_loads_are_guessed_from_the_extents_of_a_surface(tmp_path, unit):
     ball = shape_sphere(30.0, edge_length=12.0)
     write_surface(tmp_path / "ball.stl", ball)
     path = tmp_path / "ball.toml"
@@ -118,10 +111,10 @@ def test_supports_and_loads_are_guessed_from_the_extents_of_a_surface(
     )
     (support,), (load,) = problem.supports, problem.loads
     assert len(support.facets) > 0
-    assert len(load.facets) > 0  # type: ignore[union-attr]
+    assert len(load.facets) > 0
 
 
-def test_a_mesh_file_is_taken_as_the_mesh(tmp_path: Path) -> None:
+def test_a_mesh_file_is_taken_as_the_mesh(tmp_path):
     mesh = brick_box((4, 2, 2), (40.0, 20.0, 20.0))
     write_mesh(tmp_path / "body.vtu", mesh)
     assert palpate("init", tmp_path / "body.vtu", "-o", tmp_path / "b.toml").returncode == 0
@@ -130,7 +123,7 @@ def test_a_mesh_file_is_taken_as_the_mesh(tmp_path: Path) -> None:
     assert case.problem.mesh.num_cells == mesh.num_cells
 
 
-def test_what_cannot_be_a_first_case_is_told_and_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_what_cannot_be_a_first_case_is_told_and_nothing_is_overwritten(tmp_path):
     write_surface(tmp_path / "ball.stl", shape_sphere(30.0, edge_length=12.0))
     (tmp_path / "sub").mkdir()
     with pytest.raises(InputError, match="beside the case file"):
@@ -146,10 +139,10 @@ def test_what_cannot_be_a_first_case_is_told_and_nothing_is_overwritten(tmp_path
     assert palpate("init", tmp_path / "none.stl", "-o", tmp_path / "a.toml").returncode == 2
 
 
-def validate(schema: dict[str, Any], root: dict[str, Any], value: Any) -> list[str]:
+def validate(schema, root, value):
     """The part of draft 7 that the schema uses, enough to tell whether a case is as it says."""
     if "$ref" in schema:
-        target: Any = root
+        target = root
         for part in schema["$ref"].removeprefix("#/").split("/"):
             target = target[part]
         return validate(target, root, value)
@@ -192,22 +185,20 @@ def validate(schema: dict[str, Any], root: dict[str, Any], value: Any) -> list[s
 
 
 @pytest.mark.parametrize("name", builtin_cases())
-def test_every_built_in_case_is_as_the_schema_for_editors_says(name: str) -> None:
+def test_every_built_in_case_is_as_the_schema_for_editors_says(name):
     schema = editor_schema()
     data = tomllib.loads((builtin_folder() / f"{name}.toml").read_text("utf-8"))
     assert validate(schema, schema, data) == []
 
 
-def test_a_wrong_case_is_not_as_the_schema_for_editors_says() -> None:
+def test_a_wrong_case_is_not_as_the_schema_for_editors_says():
     schema = editor_schema()
     data = tomllib.loads((builtin_folder() / "kidney.toml").read_text("utf-8"))
     for change in ({"materail": {}}, {"strain": "big"}, {"load": [{"kind": "force"}]}):
         assert validate(schema, schema, {**data, **change})
 
 
-def test_the_schema_is_draft_seven_without_what_toml_has_not_and_describes_each_key(
-    tmp_path: Path,
-) -> None:
+def test_the_schema_is_draft_seven_without_what_toml_has_not_and_describes_each_key(tmp_path):
     path = tmp_path / "case.schema.json"
     done = palpate("schema", "-o", path)
     assert done.returncode == 0, done.stderr

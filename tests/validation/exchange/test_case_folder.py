@@ -1,11 +1,7 @@
 """What is handed to other simulators is complete, strict JSON, and the same in both files."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-from pathlib import Path
-from typing import Any
 
 import meshio
 import numpy as np
@@ -14,13 +10,13 @@ import pytest
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Material, Strain, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, SurfaceShape, ToolPath
 from palpate.validation.exchange.case_folder import case_key, write_case_folder
 
 
-def read_folder(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    def refuse(name: str) -> None:
+def read_folder(folder):
+    def refuse(name):
         raise AssertionError(f"{name} is no JSON")
 
     text = (folder / "case.json").read_text("utf-8")
@@ -28,7 +24,7 @@ def read_folder(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         return json.loads(text, parse_constant=refuse), dict(stored)
 
 
-def test_both_files_hold_the_same_arrays_and_are_exact(tmp_path: Path, problem: Problem) -> None:
+def test_both_files_hold_the_same_arrays_and_are_exact(tmp_path, problem):
     write_case_folder(tmp_path / "c", problem, Strain.GREEN, name="block")
     _, arrays = read_folder(tmp_path / "c")
     mesh = meshio.read(tmp_path / "c" / "rest.vtu")
@@ -42,7 +38,7 @@ def test_both_files_hold_the_same_arrays_and_are_exact(tmp_path: Path, problem: 
     assert set(mesh.cell_data) == {"youngs_modulus", "poissons_ratio", "density"}
 
 
-def test_time_tools_loads_and_pressure_are_described(tmp_path: Path, problem: Problem) -> None:
+def test_time_tools_loads_and_pressure_are_described(tmp_path, problem):
     ramp = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
     facets = problem.mesh.boundary_facets[:2]
     tool = RigidTool(SphereShape(0.2), ToolPath(np.array([0.0]), np.array([[0.0, 0.0, 2.0]])))
@@ -63,15 +59,13 @@ def test_time_tools_loads_and_pressure_are_described(tmp_path: Path, problem: Pr
     np.testing.assert_array_equal(arrays["external_force_0"], arrays["external_force"])
 
 
-def test_the_key_changes_with_material_and_strain(problem: Problem) -> None:
+def test_the_key_changes_with_material_and_strain(problem):
     keys = {case_key(problem, strain) for strain in Strain}
     other = dataclasses.replace(problem, material=Material(1001.0, 0.3))
     assert len(keys | {case_key(other, Strain.GREEN)}) == 3
 
 
-def test_a_file_in_the_way_and_a_tool_by_surface_are_refused(
-    tmp_path: Path, problem: Problem
-) -> None:
+def test_a_file_in_the_way_and_a_tool_by_surface_are_refused(tmp_path, problem):
     (tmp_path / "f").write_text("x")
     with pytest.raises(InputError, match="is a file"):
         write_case_folder(tmp_path / "f", problem, Strain.GREEN, name="x")

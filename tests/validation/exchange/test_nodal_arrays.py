@@ -1,7 +1,5 @@
 """Loads and supports as arrays over points: by hand, and against fastsim's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -24,20 +22,20 @@ ONE_CELL = TetMesh(
 )
 
 
-def test_a_body_force_on_one_cell_is_a_quarter_each() -> None:
+def test_a_body_force_on_one_cell_is_a_quarter_each():
     # Volume 1/6, a quarter of it 1/24.
     force = nodal_arrays.nodal_force(ONE_CELL, BodyForce((24.0, 0.0, -48.0)))
     np.testing.assert_allclose(force, np.tile([1.0, 0.0, -2.0], (4, 1)), rtol=1e-15)
 
 
-def test_a_traction_on_one_facet_is_a_third_each() -> None:
+def test_a_traction_on_one_facet_is_a_third_each():
     facet = np.array([[0, 2, 1]], dtype=np.int32)  # area 1/2, a third of it 1/6
     force = nodal_arrays.nodal_force(ONE_CELL, Traction(facet, (0.0, 6.0, 0.0)))
     np.testing.assert_allclose(force[:3], np.tile([0.0, 1.0, 0.0], (3, 1)), rtol=1e-15)
     assert not force[3].any()
 
 
-def test_loads_and_mass_agree_with_fastsims_own() -> None:
+def test_loads_and_mass_agree_with_fastsims_own():
     mesh = brick_box((2, 3, 2), (1.0, 1.2, 0.9), ragged=0.2)
     facets = mesh.boundary_facets[:7]
     loads = (
@@ -54,12 +52,12 @@ def test_loads_and_mass_agree_with_fastsims_own() -> None:
     np.testing.assert_allclose(nodal_arrays.lumped_mass(problem), mass, rtol=1e-13)
 
 
-def test_pressure_follows_the_surface_and_is_no_nodal_force() -> None:
+def test_pressure_follows_the_surface_and_is_no_nodal_force():
     load = Pressure(ONE_CELL.boundary_facets, 5.0)
     assert not nodal_arrays.nodal_force(ONE_CELL, load).any()
 
 
-def test_held_components_are_those_of_the_supports() -> None:
+def test_held_components_are_those_of_the_supports():
     support = Support(
         np.array([1], dtype=np.int32), components=(True, False, True), displacement=(0.1, 0.2, 0.3)
     )
@@ -69,7 +67,7 @@ def test_held_components_are_those_of_the_supports() -> None:
     np.testing.assert_array_equal(moved[1], [0.1, 0.0, 0.3])
 
 
-def test_an_inclusion_has_its_own_row() -> None:
+def test_an_inclusion_has_its_own_row():
     mesh = brick_box((1, 1, 1), (1.0, 1.0, 1.0))
     inclusion = Inclusion(np.array([2], dtype=np.int32), Material(5.0, 0.1, 7.0))
     rows = nodal_arrays.cell_materials(

@@ -1,51 +1,43 @@
 """Results come back in every allowed form as the same displacement; all else is refused."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
+import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.placement import Placed, place
+from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.states import CandidateFailedError
 
-Field = NDArray[np.float64]
 
-
-def npz(folder: Path, **arrays: Any) -> Path:
+def npz(folder, **arrays):
     np.savez(folder / "r.npz", **arrays)
     return folder / "r.npz"
 
 
-def placed(path: Path, problem: Problem) -> Field:
+def placed(path, problem):
     return place(read_result(path), problem).displacement[-1]
 
 
-def shuffled(problem: Problem) -> NDArray[np.int64]:
+def shuffled(problem):
     return np.random.default_rng(3).permutation(problem.mesh.num_points)
 
 
-def renumbered(mesh: TetMesh, order: NDArray[np.int64]) -> TetMesh:
+def renumbered(mesh, order):
     new = np.empty_like(order)
     new[order] = np.arange(len(order))
     return TetMesh(mesh.points[order], new[mesh.cells].astype(np.int32))
 
 
 @pytest.mark.parametrize("form", ["plain", "positions", "by id", "by place", "mm", "series"])
-def test_an_npz_in_every_form_gives_the_same(
-    tmp_path: Path, problem: Problem, answer: Field, form: str
-) -> None:
+def test_an_npz_in_every_form_gives_the_same(tmp_path, problem, answer, form):
     points, order = problem.mesh.points, shuffled(problem)
-    arrays: dict[str, Any] = {
+    arrays = {
         "plain": {"displacement": answer},
         "positions": {"positions": points + answer},
         "by id": {"displacement": answer[order], "original_id": order},
@@ -57,9 +49,7 @@ def test_an_npz_in_every_form_gives_the_same(
     np.testing.assert_allclose(found, answer, rtol=0.0, atol=1e-14 * np.abs(points).max())
 
 
-def test_a_vtu_renumbered_moved_or_at_rest_gives_the_same(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_a_vtu_renumbered_moved_or_at_rest_gives_the_same(tmp_path, problem, answer):
     order = shuffled(problem)
     meshes = {
         "rest": (problem.mesh, answer),
@@ -74,9 +64,7 @@ def test_a_vtu_renumbered_moved_or_at_rest_gives_the_same(
         )
 
 
-def test_a_csv_with_ids_or_places_gives_the_same(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_a_csv_with_ids_or_places_gives_the_same(tmp_path, problem, answer):
     order = shuffled(problem)
     table = np.column_stack([order, answer[order]])
     path = tmp_path / "r.csv"
@@ -90,46 +78,55 @@ def test_a_csv_with_ids_or_places_gives_the_same(
     np.testing.assert_allclose(placed(path, problem), answer, rtol=0.0, atol=1e-14)
 
 
-def test_a_linear_field_on_another_mesh_is_read_exactly(tmp_path: Path, problem: Problem) -> None:
-    finer = refine_uniformly(problem.mesh)
-    matrix = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])
-    path = tmp_path / "r.vtu"
-    write_mesh(path, finer, point_data={"displacement": finer.points @ matrix})
-    result = place(read_result(path), problem)
-    np.testing.assert_allclose(
-        result.displacement[0], problem.mesh.points @ matrix, rtol=0.0, atol=1e-8
-    )
-    assert result.own_mesh is not None
-    assert result.own_mesh.num_cells == 8 * problem.mesh.num_cells
-    assert "mesh of its own" in result.notes[0]
+LARGE = [2.0**53, 1e300, -1e300]
+# Arrays of a file, by their names in `test_what_cannot_be_used` or as they are, and what is said.
+UNUSABLE = [
+    ({}, "exactly one of"),
+    ({"displacement": "u", "positions": "u"}, "exactly one of"),
+    ({"displacements": "u"}, "it holds: 'displacements'"),
+    ({"displacement": "short"}, "points, the case"),
+    ({"displacement": "flat"}, r"needs \(num_points, 3\)"),
+    ({"displacement": "u", "original_id": "zeros"}, "each of"),
+    ({"displacement": "u", "original_id": "far"}, "outside 0"),
+    ({"displacement": "u", "original_id": "farther"}, "outside 0"),
+    ({"displacement": "one more", "original_id": "first twice"}, "each of"),
+    *(({"displacement": "u", "original_id": np.full(45, x)}, "no whole number") for x in LARGE),
+    ({"displacement": "u", "points": "rest", "cells": "beyond"}, "points that do not exist"),
+    ({"displacement": "u", "points": "rest", "cells": "before"}, "points that do not exist"),
+    ({"displacement": "u", "points": "elsewhere"}, "no tetrahedra"),
+    ({"displacement": "text"}, "not numbers"),
+    # Times.
+    ({"displacement": "two"}, "without `times`"),
+    ({"displacement": "two", "times": [1.0, 1.0]}, "must increase"),
+    ({"displacement": "one", "times": [math.nan]}, "finite"),
+    ({"displacement": "one", "times": [math.inf]}, "finite"),
+    ({"displacement": "two", "times": [0.0, math.nan]}, "finite"),
+    ({"displacement": "two", "times": [0.0, math.inf]}, "finite"),
+    ({"displacement": "one", "times": [[0.0]]}, "one for each of 1"),
+    # Texts.
+    ({"displacement": "u", "length_unit": np.array("inch")}, "length_unit 'inch'"),
+    *(
+        ({"displacement": "u", name: value}, f"`{name}` must be one text")
+        for name in ("about", "length_unit", "case_key")
+        for value in (np.arange(3), np.array(["a", "b"]), np.zeros((0,), "U1"))
+    ),
+    ({"displacement": "u", "about": np.array("{")}, "not JSON"),
+    *(
+        ({"displacement": "u", "about": np.array(about)}, "about")
+        for about in (
+            "[1]", "7", '"text"', "null", "[" * 2000, '{"a": ' * 1000 + "1" + "}" * 1000,
+            '{"a": 1' + "0" * 400 + "}",
+        )
+    ),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({}, "exactly one of"),
-        ({"displacement": "u", "positions": "u"}, "exactly one of"),
-        ({"displacement": "short"}, "points, the case"),
-        ({"displacement": "flat"}, "needs \\(num_points, 3\\)"),
-        ({"displacement": "u", "length_unit": np.array("inch")}, "length_unit 'inch'"),
-        ({"displacement": "u", "original_id": "zeros"}, "each of"),
-        ({"displacement": "u", "original_id": "far"}, "outside 0"),
-        ({"displacement": "u", "original_id": "farther"}, "outside 0"),
-        ({"displacement": "one more", "original_id": "first twice"}, "each of"),
-        ({"displacement": "u", "points": "rest", "cells": "beyond"}, "points that do not exist"),
-        ({"displacement": "u", "points": "rest", "cells": "before"}, "points that do not exist"),
-        ({"displacement": "u", "points": "elsewhere"}, "no tetrahedra"),
-        ({"displacement": "text"}, "not numbers"),
-        ({"displacement": "two"}, "without `times`"),
-        ({"displacement": "two", "times": np.array([1.0, 1.0])}, "must increase"),
-        ({"displacement": "u", "about": np.array("{")}, "not JSON"),
-    ],
-)
-def test_what_cannot_be_used_is_an_input_error(
-    tmp_path: Path, problem: Problem, answer: Field, arrays: dict[str, Any], message: str
-) -> None:
+@pytest.mark.parametrize(("arrays", "message"), UNUSABLE)
+def test_what_cannot_be_used_is_an_input_error(tmp_path, problem, answer, arrays, message):
     known = {
         "u": answer,
+        "one": answer[None],
+        "two": np.stack([answer, answer]),
         "short": answer[:-1],
         "flat": answer.ravel(),
         "zeros": np.zeros(len(answer), dtype=int),
@@ -142,20 +139,13 @@ def test_what_cannot_be_used_is_an_input_error(
         "before": problem.mesh.cells - 1,
         "elsewhere": problem.mesh.points + 0.01,
         "text": np.full(answer.shape, "x"),
-        "two": np.stack([answer, answer]),
     }
     filled = {k: known[v] if isinstance(v, str) else v for k, v in arrays.items()}
     with pytest.raises(ResultFileError, match=message):
         placed(npz(tmp_path, **filled), problem)
 
 
-def test_a_csv_without_an_answer_is_told_what_it_holds(tmp_path: Path) -> None:
-    (tmp_path / "r.csv").write_text("x,y,z\n0,0,0\n1,0,0\n", encoding="utf-8")
-    with pytest.raises(ResultFileError, match="it holds: 'points'"):
-        read_result(tmp_path / "r.csv")
-
-
-def test_damaged_files_are_input_errors(tmp_path: Path, problem: Problem, answer: Field) -> None:
+def test_damaged_files_are_input_errors(tmp_path, problem, answer):
     whole = npz(tmp_path, displacement=answer).read_bytes()
     write_mesh(tmp_path / "v.vtu", problem.mesh, point_data={"displacement": answer})
     files = {
@@ -164,24 +154,23 @@ def test_damaged_files_are_input_errors(tmp_path: Path, problem: Problem, answer
         "empty.csv": b"",
         "bad.csv": b"ux,uy,uz\n1,2,x\n",
         "ragged.csv": b"ux,uy,uz\n1,2,3\n1,2\n",
+        "points.csv": b"x,y,z\n0,0,0\n1,0,0\n",
         "binary.csv": bytes(range(128, 256)),
         "other.txt": b"1 2 3",
     }
     for name, data in files.items():
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(ResultFileError):
+        with pytest.raises(ResultFileError, match="'points'" if name == "points.csv" else None):
             read_result(tmp_path / name)
     with pytest.raises(ResultFileError, match="no such file"):
         read_result(tmp_path / "missing.npz")
 
 
-def test_nan_and_a_body_of_another_unit_are_the_candidates_failure(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
-    spoiled = answer.copy()
-    spoiled[5, 1] = np.nan
+def test_nan_and_a_body_of_another_unit_are_the_candidates_failure(tmp_path, problem, answer):
+    broken = answer.copy()
+    broken[5, 1] = np.nan
     with pytest.raises(CandidateFailedError, match=r"1 point\(s\), first 5"):
-        placed(npz(tmp_path, displacement=spoiled), problem)
+        placed(npz(tmp_path, displacement=broken), problem)
     in_mm = {"displacement": 1e3 * answer, "points": 1e3 * problem.mesh.points}
     with pytest.raises(CandidateFailedError, match="1000 times as large"):
         placed(npz(tmp_path, **in_mm), problem)
@@ -192,19 +181,15 @@ def test_nan_and_a_body_of_another_unit_are_the_candidates_failure(
 SLOPE = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])
 
 
-def sent(
-    folder: Path, problem: Problem, points: Field, cells: Any, displacement: Field | None = None
-) -> Placed:
-    """The answer `points @ SLOPE`, or another, on these points and cells."""
+def sent(folder, problem, points, cells, displacement=None):
+    """The result `points @ SLOPE`, or another, on these points and cells."""
     field = points @ SLOPE if displacement is None else displacement
     np.savez(folder / "r.npz", displacement=field, points=points, cells=cells)
     return place(read_result(folder / "r.npz"), problem)
 
 
-def require_unharmed(found: Placed, problem: Problem, own: TetMesh) -> None:
-    """The same own mesh as without the oddity, and the same answer on it."""
-    assert found.own_mesh is not None
-    assert found.own_displacement is not None
+def require_unharmed(found, problem, own):
+    """The same own mesh as without the oddity, and the same result on it."""
     assert found.own_mesh.num_points == own.num_points
     assert found.own_mesh.volume == pytest.approx(own.volume, rel=1e-12)
     assert found.own_mesh.surface_area == pytest.approx(own.surface_area, rel=1e-12)
@@ -213,38 +198,45 @@ def require_unharmed(found: Placed, problem: Problem, own: TetMesh) -> None:
     np.testing.assert_allclose(found.displacement[0], expected, rtol=0.0, atol=1e-8)
 
 
-def test_points_that_no_cell_uses_are_left_out_and_told(tmp_path: Path, problem: Problem) -> None:
-    own = refine_uniformly(problem.mesh)
+def unused(own):
     points = np.vstack([[[9.0, 9.0, 9.0]], own.points, [[0.1, 0.1, 0.1]]])
     points[0] = 0.5 * points[1:].mean(axis=0)
-    found = sent(tmp_path, problem, points, own.cells + 1)
-    require_unharmed(found, problem, own)
-    assert any("2 point(s) that no cell uses" in note for note in found.notes)
+    return points, own.cells + 1
 
 
-def test_cells_that_share_no_numbers_are_joined_and_told(tmp_path: Path, problem: Problem) -> None:
+def unshared(own):
+    return own.points[own.cells.ravel()], np.arange(4 * own.num_cells).reshape(-1, 4)
+
+
+def turned(own, rows=slice(None)):
+    cells = own.cells.copy()
+    cells[rows] = cells[rows][:, [1, 0, 2, 3]]
+    return own.points, cells
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (lambda own: (own.points, own.cells), "mesh of its own with 768 cells"),
+        (unused, "2 point(s) that no cell uses"),
+        (unshared, "joined"),
+        (turned, "turned"),
+    ],
+)
+def test_a_field_on_a_mesh_of_its_own_is_read_exactly(tmp_path, problem, change, note):
     own = refine_uniformly(problem.mesh)
-    cells = np.arange(4 * own.num_cells).reshape(-1, 4)
-    found = sent(tmp_path, problem, own.points[own.cells.ravel()], cells)
+    found = sent(tmp_path, problem, *change(own))
     require_unharmed(found, problem, own)
-    assert any("joined" in note for note in found.notes)
+    assert any(note in text for text in found.notes)
 
 
-def test_very_many_points_at_one_place_are_joined(tmp_path: Path, problem: Problem) -> None:
-    own = refine_uniformly(problem.mesh)
-    many = 20_000
-    points = np.vstack([own.points, np.tile(own.points[-1], (many, 1))])
-    # Each in a cell of its own, else it is left out for being unused.
-    row = own.cells[(own.cells == own.num_points - 1).any(axis=1)][0]
-    extra = np.tile(row, (many, 1))
-    extra[:, row == own.num_points - 1] = own.num_points + np.arange(many)[:, None]
-    with pytest.raises(ResultFileError, match="share one facet"):
-        sent(tmp_path, problem, points, np.vstack([own.cells, extra]))
+def test_another_mesh_of_the_same_body_is_taken(tmp_path, problem):
+    for divisions in ((3, 2, 2), (7, 5, 4)):
+        own = brick_box(divisions, (2.0, 1.0, 1.0), ragged=0.2)
+        require_unharmed(sent(tmp_path, problem, own.points, own.cells), problem, own)
 
 
-def test_points_at_one_place_that_move_apart_are_a_torn_body(
-    tmp_path: Path, problem: Problem
-) -> None:
+def test_points_at_one_position_that_move_apart_are_a_torn_body(tmp_path, problem):
     own = refine_uniformly(problem.mesh)
     points, cells = np.vstack([own.points, own.points[-1:]]), own.cells.copy()
     around = np.flatnonzero((cells == own.num_points - 1).any(axis=1))
@@ -257,7 +249,7 @@ def test_points_at_one_place_that_move_apart_are_a_torn_body(
         sent(tmp_path, problem, points, cells, field)
 
 
-def test_bodies_of_the_case_that_touch_may_part(tmp_path: Path) -> None:
+def test_bodies_of_the_case_that_touch_may_part(tmp_path):
     lower = brick_box((2, 2, 1), (1.0, 1.0, 0.5))
     both = np.vstack([lower.points, lower.points + np.array([0.0, 0.0, 0.5])])
     cells = np.vstack([lower.cells, lower.cells + lower.num_points]).astype(np.int32)
@@ -268,84 +260,58 @@ def test_bodies_of_the_case_that_touch_may_part(tmp_path: Path) -> None:
     is_upper[np.unique(own.cells[own.points[own.cells].mean(axis=1)[:, 2] > 0.5])] = True
     field[is_upper] = [0.0, 0.0, 0.1]
     found = sent(tmp_path, problem, own.points, own.cells, field)
-    assert found.own_mesh is not None
     assert found.own_mesh.num_points == own.num_points
 
 
-def test_cells_all_numbered_the_other_way_round_are_turned_and_told(
-    tmp_path: Path, problem: Problem
-) -> None:
-    own = refine_uniformly(problem.mesh)
-    found = sent(tmp_path, problem, own.points, own.cells[:, [1, 0, 2, 3]])
-    require_unharmed(found, problem, own)
-    assert any("turned" in note for note in found.notes)
+def very_many_points_at_one_position(own):
+    many = 20_000
+    points = np.vstack([own.points, np.tile(own.points[-1], (many, 1))])
+    # Each in a cell of its own, else it is left out for being unused.
+    row = own.cells[(own.cells == own.num_points - 1).any(axis=1)][0]
+    extra = np.tile(row, (many, 1))
+    extra[:, row == own.num_points - 1] = own.num_points + np.arange(many)[:, None]
+    return points, np.vstack([own.cells, extra])
 
 
-@pytest.mark.parametrize("which", ["one", "half"])
-def test_some_cells_inverted_at_rest_are_refused(
-    tmp_path: Path, problem: Problem, which: str
-) -> None:
-    own = refine_uniformly(problem.mesh)
-    cells = own.cells.copy()
-    rows = slice(5, 6) if which == "one" else slice(None, None, 2)
-    cells[rows] = cells[rows][:, [1, 0, 2, 3]]
-    with pytest.raises(ResultFileError, match="inverted"):
-        sent(tmp_path, problem, own.points, cells)
-
-
-def test_a_cell_given_twice_is_refused(tmp_path: Path, problem: Problem) -> None:
-    own = refine_uniformly(problem.mesh)
-    with pytest.raises(ResultFileError, match="share one facet"):
-        sent(tmp_path, problem, own.points, np.vstack([own.cells, own.cells[7:8]]))
-
-
-def test_all_cells_given_twice_are_refused(tmp_path: Path, problem: Problem) -> None:
-    own = refine_uniformly(problem.mesh)
-    with pytest.raises(ResultFileError, match="share one facet"):
-        sent(tmp_path, problem, own.points, np.vstack([own.cells, own.cells]))
-
-
-def compacted(own: TetMesh, keep: NDArray[np.bool_]) -> tuple[Field, NDArray[np.int64]]:
+def compacted(own, keep):
     used, cells = np.unique(own.cells[keep], return_inverse=True)
     return own.points[used], cells.reshape(-1, 4)
 
 
-def test_a_part_of_the_body_is_refused(tmp_path: Path, problem: Problem) -> None:
-    own = refine_uniformly(problem.mesh)
-    keep = own.points[own.cells].mean(axis=1)[:, 0] < 1.5
-    with pytest.raises(ResultFileError, match="same body"):
-        sent(tmp_path, problem, *compacted(own, keep))
+def scaled(size):
+    return lambda own: (own.points.mean(0) + size * (own.points - own.points.mean(0)), own.cells)
 
 
-def test_a_hole_within_the_body_is_refused(tmp_path: Path) -> None:
-    mesh = brick_box((4, 4, 4), (1.0, 1.0, 1.0))
-    own = refine_uniformly(mesh)
-    problem = Problem(mesh, Material(1.0, 0.3), (), ())
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda own: turned(own, slice(5, 6)), "inverted"),
+        (lambda own: turned(own, slice(None, None, 2)), "inverted"),
+        (lambda own: (own.points, np.vstack([own.cells, own.cells[7:8]])), "share one facet"),
+        (lambda own: (own.points, np.vstack([own.cells, own.cells])), "share one facet"),
+        (very_many_points_at_one_position, "share one facet"),
+        (lambda own: compacted(own, own.points[own.cells].mean(1)[:, 0] < 1.5), "same body"),
+        # 1.05^3 is 1.158, 0.9^3 is 0.729: more than a tenth of the volume.
+        (scaled(0.9), "same body"),
+        (scaled(1.05), "same body"),
+        (scaled(1.3), "same body"),
+    ],
+)
+def test_a_mesh_of_another_body_or_of_none_is_refused(tmp_path, problem, change, reason):
+    with pytest.raises(ResultFileError, match=reason):
+        sent(tmp_path, problem, *change(refine_uniformly(problem.mesh)))
+
+
+def test_a_cavity_is_neither_made_nor_filled(tmp_path):
+    whole = brick_box((4, 4, 4), (1.0, 1.0, 1.0))
+    own = refine_uniformly(whole)
+    problem = Problem(whole, Material(1.0, 0.3), (), ())
     middle = np.abs(own.points[own.cells].mean(axis=1) - 0.5).max(axis=1)
     with pytest.raises(ResultFileError, match="same body"):
         sent(tmp_path, problem, *compacted(own, middle > 0.2))
-
-
-def test_a_cavity_that_is_filled_is_refused(tmp_path: Path) -> None:
-    whole = brick_box((4, 4, 4), (1.0, 1.0, 1.0))
     middle = np.abs(whole.points[whole.cells].mean(axis=1) - 0.5).max(axis=1)
     points, cells = compacted(whole, middle > 0.25)
     problem = Problem(TetMesh(points, cells.astype(np.int32)), Material(1.0, 0.3), (), ())
     # All points but the one in the middle of the cavity are points of the case.
     with pytest.raises(ResultFileError, match="same body"):
         sent(tmp_path, problem, whole.points, whole.cells)
-
-
-@pytest.mark.parametrize("size", [0.9, 1.05, 1.3])
-def test_a_larger_or_smaller_body_is_refused(tmp_path: Path, problem: Problem, size: float) -> None:
-    own = refine_uniformly(problem.mesh)
-    centre = own.points.mean(axis=0)
-    # 1.05^3 is 1.158, 0.9^3 is 0.729: more than a tenth of the volume.
-    with pytest.raises(ResultFileError, match="same body"):
-        sent(tmp_path, problem, centre + size * (own.points - centre), own.cells)
-
-
-def test_another_mesh_of_the_same_body_is_taken(tmp_path: Path, problem: Problem) -> None:
-    for divisions in ((3, 2, 2), (7, 5, 4)):
-        own = brick_box(divisions, (2.0, 1.0, 1.0), ragged=0.2)
-        require_unharmed(sent(tmp_path, problem, own.points, own.cells), problem, own)

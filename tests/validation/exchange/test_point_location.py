@@ -1,7 +1,5 @@
 """Points in a mesh and nearest on a surface: against brute force, on facets, outside."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +13,7 @@ MESH = brick_box((4, 3, 5), (2.0, 0.9, 1.1), ragged=0.25)
 ROUNDING = 100 * np.finfo(float).eps
 
 
-def test_a_linear_field_is_read_exactly_everywhere_inside() -> None:
+def test_a_linear_field_is_read_exactly_everywhere_inside():
     places = np.random.default_rng(1).uniform(0.0, 1.0, (500, 3)) * [2.0, 0.9, 1.1]
     location = locate(MESH.points, MESH.cells, places)
     assert not location.distances.any()
@@ -24,20 +22,20 @@ def test_a_linear_field_is_read_exactly_everywhere_inside() -> None:
     np.testing.assert_allclose(read, places @ matrix + 1.0, rtol=0.0, atol=1e3 * ROUNDING)
 
 
-def test_the_cell_found_is_the_one_that_holds_the_place() -> None:
+def test_the_cell_found_is_the_one_that_holds_the_place():
     centres = MESH.points[MESH.cells].mean(axis=1)
     location = locate(MESH.points, MESH.cells, centres)
     np.testing.assert_array_equal(location.cells, np.arange(MESH.num_cells))
 
 
-def test_points_of_the_mesh_itself_are_found_with_all_weight_on_them() -> None:
+def test_points_of_the_mesh_itself_are_found_with_all_weight_on_them():
     location = locate(MESH.points, MESH.cells, MESH.points)
     np.testing.assert_allclose(location.weights.max(axis=1), 1.0, atol=1e-8)
     read = location.read(MESH.cells, MESH.points)
     np.testing.assert_allclose(read, MESH.points, rtol=0.0, atol=1e-8)
 
 
-def test_a_place_outside_takes_the_nearest_point_and_says_how_far() -> None:
+def test_a_place_outside_takes_the_nearest_point_and_says_how_far():
     places = np.array([[2.3, 0.5, 0.5], [-3.0, -4.0, 0.5], [1.0, 0.45, 1.1 + 1e-7]])
     location = locate(MESH.points, MESH.cells, places)
     # Beyond a face; beyond an edge, 3-4-5; by a hair.
@@ -49,9 +47,7 @@ def test_a_place_outside_takes_the_nearest_point_and_says_how_far() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(0, 20))
-def test_cells_of_all_sizes_are_found_by_what_lies_in_them(
-    seed: int, num_cells: int, num_places: int
-) -> None:
+def test_cells_of_all_sizes_are_found_by_what_lies_in_them(seed, num_cells, num_places):
     rng = np.random.default_rng(seed)
     sizes = 10.0 ** rng.uniform(-4.0, 0.5, (num_cells, 1, 1))
     corners = rng.uniform(-1.0, 1.0, (num_cells, 1, 3)) + sizes * (
@@ -70,7 +66,7 @@ def test_cells_of_all_sizes_are_found_by_what_lies_in_them(
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(0.01, 100.0))
-def test_the_nearest_facet_is_that_of_brute_force(seed: int, count: int, size: float) -> None:
+def test_the_nearest_facet_is_that_of_brute_force(seed, count, size):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(3 * count, 3))
     points[2::3] = points[::3] + size * rng.normal(size=(count, 3))
@@ -88,7 +84,7 @@ def test_the_nearest_facet_is_that_of_brute_force(seed: int, count: int, size: f
 
 
 @pytest.mark.parametrize("thickness", [0.0, 1e-9])
-def test_middles_of_flat_facets_are_on_them(thickness: float) -> None:
+def test_middles_of_flat_facets_are_on_them(thickness):
     # A plane at a height that no number holds exactly: the mean of three of it may differ.
     sphere = shape_sphere(1.0, edge_length=0.3)
     points = sphere.points * [1.0, 1.0, thickness] + [0.1, 0.7, 1.0 / 3.0]
@@ -98,7 +94,7 @@ def test_middles_of_flat_facets_are_on_them(thickness: float) -> None:
 
 
 @pytest.mark.parametrize("far", [1e3, 1e154, 1e200, 1e300])
-def test_positions_whose_squares_overflow_are_far_away(far: float) -> None:
+def test_positions_whose_squares_overflow_are_far_away(far):
     positions = np.array([[far, 0.0, 0.0], [1.0, 0.5, 0.5]])
     ball = shape_sphere(0.1, edge_length=0.05)
     with np.errstate(over="ignore", invalid="ignore"):

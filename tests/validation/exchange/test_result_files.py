@@ -1,22 +1,16 @@
 """Result files: written, read back, with their stress, and refused where they are hostile."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-import math
 import re
-from pathlib import Path
-from typing import Any
 
 import meshio
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.candidates.candidate import result_candidate
@@ -32,12 +26,12 @@ from palpate.validation.exchange.result_files import (
 )
 from palpate.validation.metrics import Part, make_state, measure
 from palpate.validation.metrics.body import Body
-from palpate.validation.states import CandidateFailedError, CellStresses, State, Trajectory
+from palpate.validation.states import CandidateFailedError, CellStresses, Trajectory
 
 TIMES = np.array([0.0, 0.25, 0.75])
 
 
-def moving(problem: Problem) -> State:
+def moving(problem):
     states = np.random.default_rng(5).uniform(-1e-3, 1e-3, (3, *problem.mesh.points.shape))
     return make_state(
         problem.mesh, states[-1], label="mine", simulator="mine", strain=Strain.GREEN,
@@ -45,20 +39,17 @@ def moving(problem: Problem) -> State:
     )  # fmt: skip
 
 
-def test_a_motion_is_written_whole_and_its_end_is_told(tmp_path: Path, problem: Problem) -> None:
+def test_a_motion_is_written_whole_and_its_end_is_told(tmp_path, problem):
     state = moving(problem)
     line = write_solution(tmp_path / "m.npz", problem, state)
     assert line.endswith(f"of {problem.mesh.num_points} points, green strain, 3 states to 0.75 s")
     found = read_result(tmp_path / "m.npz")
-    assert state.trajectory is not None
     np.testing.assert_array_equal(found.values, state.trajectory.displacements)
     np.testing.assert_array_equal(found.times, TIMES)
 
 
 @pytest.mark.parametrize("kind", ["vtu", "vtk", "msh"])
-def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(
-    tmp_path: Path, problem: Problem, kind: str
-) -> None:
+def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(tmp_path, problem, kind):
     path, count = tmp_path / f"s.{kind}", problem.mesh.num_cells
     rng = np.random.default_rng(6)
     S, sigma = rng.normal(size=(2, count, 3, 3))
@@ -83,13 +74,13 @@ def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(
         np.testing.assert_array_equal(read.cauchy_stress, sigma)
 
 
-def test_a_state_without_stresses_has_no_field_of_them(tmp_path: Path, problem: Problem) -> None:
+def test_a_state_without_stresses_has_no_field_of_them(tmp_path, problem):
     line = write_solution(tmp_path / "m.vtu", problem, moving(problem))
     assert "stresses [Pa]" not in line
     assert not meshio.read(tmp_path / "m.vtu").cell_data
 
 
-def test_a_mesh_file_holds_the_end_and_says_so(tmp_path: Path, problem: Problem) -> None:
+def test_a_mesh_file_holds_the_end_and_says_so(tmp_path, problem):
     state = moving(problem)
     line = write_solution(tmp_path / "m.vtu", problem, state)
     assert ", at 0.75 s;" in line
@@ -99,27 +90,9 @@ def test_a_mesh_file_holds_the_end_and_says_so(tmp_path: Path, problem: Problem)
         write_solution(tmp_path / "m.obj", problem, state)
 
 
-Field = NDArray[np.float64]
-
-
-def npz(folder: Path, **arrays: Any) -> Path:
+def npz(folder, **arrays):
     np.savez_compressed(folder / "r.npz", **arrays)
     return folder / "r.npz"
-
-
-@pytest.mark.parametrize(
-    "times", [[math.nan], [math.inf], [0.0, math.nan], [0.0, math.inf], [[0.0]]]
-)
-def test_times_that_are_no_times_are_refused(
-    tmp_path: Path, answer: Field, times: list[float]
-) -> None:
-    path = npz(tmp_path, displacement=np.stack([answer] * len(times)), times=times)
-    if times != [[0.0]]:
-        with pytest.raises(ResultFileError, match="finite"):
-            read_result(path)
-    else:
-        with pytest.raises(ResultFileError):
-            read_result(path)
 
 
 @pytest.mark.parametrize(
@@ -127,45 +100,19 @@ def test_times_that_are_no_times_are_refused(
     ["many", ["a", "b", "c"], [["1", "2", "3"]], [[1.0, 2.0], [3.0]], [1.0, 2.0, 3.0], {"x": 1},
      [[1.0, 2.0]], [[[[1.0, 2.0, 3.0]]]], True, [[True, False, True]], 7],
 )  # fmt: skip
-def test_tool_forces_that_are_no_forces_are_refused(
-    tmp_path: Path, problem: Problem, answer: Field, forces: Any
-) -> None:
+def test_tool_forces_that_are_no_forces_are_refused(tmp_path, problem, answer, forces):
     path = npz(tmp_path, displacement=answer, about=json.dumps({"tool_forces": forces}))
     with pytest.raises(ResultFileError, match="tool_forces"):
         result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
 
 
-def test_tool_forces_with_a_nan_are_read_as_they_are(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_tool_forces_with_a_nan_are_read_as_they_are(tmp_path, problem, answer):
     path = npz(tmp_path, displacement=answer, about='{"tool_forces": [[NaN, 0, 1]]}')
     state = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
-    assert state.tool_forces is not None
     assert np.isnan(state.tool_forces[0, 0])
 
 
-@pytest.mark.parametrize(
-    "about",
-    ["[1]", "7", '"text"', "null", "{", "[" * 2000, '{"a": ' * 1000 + "1" + "}" * 1000,
-     '{"a": 1' + "0" * 400 + "}"],
-)  # fmt: skip
-def test_an_about_that_is_no_object_is_refused(tmp_path: Path, answer: Field, about: str) -> None:
-    with pytest.raises(ResultFileError, match="about"):
-        read_result(npz(tmp_path, displacement=answer, about=about))
-
-
-@pytest.mark.parametrize("name", ["about", "length_unit", "case_key"])
-@pytest.mark.parametrize("value", [np.arange(3), np.array(["a", "b"]), np.zeros((0,), "U1")])
-def test_text_that_is_no_text_is_refused(
-    tmp_path: Path, answer: Field, name: str, value: Any
-) -> None:
-    with pytest.raises(ResultFileError, match=name):
-        read_result(npz(tmp_path, displacement=answer, **{name: value}))
-
-
-def test_fields_of_a_vtu_called_as_texts_are_refused(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_fields_of_a_vtu_called_as_texts_are_refused(tmp_path, problem, answer):
     for name in ("about", "length_unit", "times", "original_id"):
         path = tmp_path / f"{name}.vtu"
         fields = {"displacement": answer, name: answer[:, 0]}
@@ -174,9 +121,7 @@ def test_fields_of_a_vtu_called_as_texts_are_refused(
             read_result(path)
 
 
-def test_a_damaged_stream_is_refused_in_npz_and_vtu(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_a_damaged_stream_is_refused_in_npz_and_vtu(tmp_path, problem, answer):
     zipped = npz(tmp_path, displacement=answer)
     middle = zipped.stat().st_size // 2
     data = bytearray(zipped.read_bytes())
@@ -192,9 +137,7 @@ def test_a_damaged_stream_is_refused_in_npz_and_vtu(
             read_result(path)
 
 
-def test_a_result_may_be_many_times_as_large_as_the_cases_own(
-    tmp_path: Path, problem: Problem, answer: Field
-) -> None:
+def test_a_result_may_be_many_times_as_large_as_the_cases_own(tmp_path, problem, answer):
     assert room_for_result(problem) == 256 * 1024**2
     path = npz(tmp_path, displacement=answer)
     read_result(path, most_bytes=answer.nbytes)
@@ -202,30 +145,14 @@ def test_a_result_may_be_many_times_as_large_as_the_cases_own(
         read_result(path, most_bytes=answer.nbytes - 1)
 
 
-def test_the_names_that_are_there_are_told_where_the_wanted_ones_are_not(
-    tmp_path: Path, answer: Field
-) -> None:
-    with pytest.raises(ResultFileError, match="it holds: 'displacements'"):
-        read_result(npz(tmp_path, displacements=answer))
-
-
-def test_whole_numbers_beyond_what_a_float_counts_are_refused(
-    tmp_path: Path, answer: Field
-) -> None:
-    for value in (2.0**53, 1e300, -1e300):
-        ids = np.full(len(answer), value)
-        with pytest.raises(FileFormatError, match="no whole number"):
-            read_result(npz(tmp_path, displacement=answer, original_id=ids))
-
-
-def sent(problem: Problem, path: Path, **arrays: object) -> State:
+def sent(problem, path, **arrays):
     """What an .npz file with these arrays is judged as."""
     with path.open("wb") as stream:
         np.savez(stream, **{name: np.asarray(value) for name, value in arrays.items()})
     return state_of_result(read_result(path), problem, "mine", Strain.GREEN)
 
 
-def error(problem: Problem, state: State, answer: Field) -> float:
+def error(problem, state, answer):
     everywhere = Part(
         np.arange(problem.mesh.num_cells, dtype=np.int32), np.zeros_like(problem.mesh.points)
     )
@@ -234,13 +161,13 @@ def error(problem: Problem, state: State, answer: Field) -> float:
 
 
 @pytest.fixture
-def stress(problem: Problem, answer: Field) -> Field:
+def stress(problem, answer):
     return Body(problem, Strain.GREEN).stresses(answer)[0]
 
 
 def test_what_is_sent_is_judged_and_else_what_follows_from_the_displacement(
-    problem: Problem, answer: Field, stress: Field, tmp_path: Path
-) -> None:
+    problem, answer, stress, tmp_path
+):
     file = tmp_path / "r.npz"
     plain = sent(problem, file, displacement=answer)
     assert plain.sent_stress is None
@@ -253,9 +180,7 @@ def test_what_is_sent_is_judged_and_else_what_follows_from_the_displacement(
     assert error(problem, state, answer) == pytest.approx(0.999)
 
 
-def test_numbers_in_another_order_are_put_in_the_cases(
-    problem: Problem, answer: Field, stress: Field, tmp_path: Path
-) -> None:
+def test_numbers_in_another_order_are_put_in_the_cases(problem, answer, stress, tmp_path):
     mesh, rng = problem.mesh, np.random.default_rng(5)
     ids, rows = rng.permutation(mesh.num_points), rng.permutation(mesh.num_cells)
     new = np.empty(mesh.num_points, dtype=np.int64)
@@ -265,7 +190,6 @@ def test_numbers_in_another_order_are_put_in_the_cases(
     by_id = sent(problem, tmp_path / "a.npz", original_id=ids, **told)
     by_place = sent(problem, tmp_path / "b.npz", points=mesh.points[ids], **told)
     for state in (by_id, by_place):
-        assert state.sent_stress is not None
         assert np.array_equal(state.sent_stress, stress)
         assert error(problem, state, answer) <= 1e-14
     # A file of cells in the case's order of points, and those in another.
@@ -279,11 +203,10 @@ def test_numbers_in_another_order_are_put_in_the_cases(
     assert np.array_equal(state.sent_stress, stress)
 
 
-def test_what_palpate_writes_it_reads(problem: Problem, answer: Field, tmp_path: Path) -> None:
+def test_what_palpate_writes_it_reads(problem, answer, tmp_path):
     found = run_fastsim(problem, Strain.GREEN, lambda _line: None)
     write_solution(tmp_path / "r.vtu", problem, found)
     state = state_of_result(read_result(tmp_path / "r.vtu"), problem, "mine", Strain.GREEN)
-    assert found.stresses is not None
     assert (
         np.abs(state.sent_stress - found.stresses.cauchy).max()
         <= 1e-12 * np.abs(found.stresses.cauchy).max()
@@ -291,9 +214,7 @@ def test_what_palpate_writes_it_reads(problem: Problem, answer: Field, tmp_path:
     assert error(problem, state, answer) <= 1e-9
 
 
-def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(
-    problem: Problem, answer: Field, stress: Field, tmp_path: Path
-) -> None:
+def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(problem, answer, stress, tmp_path):
     own = refine_uniformly(problem.mesh)
     u = locate_points(problem.mesh, own).read(problem.mesh.cells, answer)
     children = np.concatenate([np.tile(stress, (4, 1, 1)), np.repeat(stress, 4, axis=0)])
@@ -306,13 +227,10 @@ def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(
             cells=own.cells,
             cauchy_stress=factor * children,
         )
-        assert state.own is not None
         assert error(problem, state, answer) == pytest.approx(expected, abs=1e-12)
 
 
-def test_what_cannot_be_used_is_said(
-    problem: Problem, answer: Field, stress: Field, tmp_path: Path
-) -> None:
+def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
     file, mesh = tmp_path / "r.npz", problem.mesh
     lopsided = stress.copy()
     lopsided[:, 0, 1] *= -1.0
@@ -337,17 +255,14 @@ def test_what_cannot_be_used_is_said(
     assert error(problem, huge, answer) == np.inf
 
 
-def test_the_conventions_say_so_and_what_never_to_read() -> None:
-    told = describe_conventions(Strain.GREEN)
-    assert "`cauchy_stress` [Pa]" in told["answer"]
-    assert "row by row" in told["answer"]
-    assert "alternate from node to node" in told["conventions"]["smoothed_element"]
-    json.dumps(told)
+def test_the_conventions_say_so_and_what_never_to_read():
+    words = describe_conventions(Strain.GREEN)
+    assert "`cauchy_stress` [Pa]" in words["answer"]
+    assert "row by row" in words["answer"]
+    assert "alternate from node to node" in words["conventions"]["smoothed_element"]
 
 
-def test_smoothed_stresses_are_taken_where_the_answer_says_smoothed(
-    problem: Problem, answer: Field, tmp_path: Path
-) -> None:
+def test_smoothed_stresses_are_taken_where_the_answer_says_smoothed(problem, answer, tmp_path):
     about = np.array(json.dumps({"element": "smoothed"}))
     state = sent(problem, tmp_path / "r.npz", displacement=answer, about=about)
     assert state.element is Element.SMOOTHED

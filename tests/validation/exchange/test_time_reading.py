@@ -1,25 +1,21 @@
 """Motions are read between the states that were sent, with how far that may be off."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from palpate.validation.exchange.time_reading import read_at
 
 WANTED = np.linspace(0.0, 1.0, 21)
-Field = NDArray[np.float64]
 
 
-def field(values: Field) -> Field:
+def field(values):
     """One number at one point over time, (num_times, 1, 3)."""
     return np.asarray(values)[:, None, None] * np.array([1.0, -2.0, 0.5])
 
 
-def test_states_sent_at_the_times_are_taken_as_they_are() -> None:
+def test_states_sent_at_the_times_are_taken_as_they_are():
     times = np.sort(np.append(WANTED, 0.0311)) * (1.0 + 1e-12)
     states = field(np.random.default_rng(1).standard_normal(len(times)))
     read = read_at(times, states, WANTED, slack=1e-9)
@@ -28,7 +24,7 @@ def test_states_sent_at_the_times_are_taken_as_they_are() -> None:
     np.testing.assert_array_equal(read.others, read.states)
 
 
-def test_cubics_are_read_exactly_between_uneven_states_and_at_the_ends() -> None:
+def test_cubics_are_read_exactly_between_uneven_states_and_at_the_ends():
     times = np.array([0.0, 0.11, 0.19, 0.42, 0.5, 0.77, 0.83, 1.0])
     read = read_at(times, field(times**3 - times), WANTED, slack=1e-9)
     np.testing.assert_allclose(read.states, field(WANTED**3 - WANTED), rtol=0.0, atol=1e-14)
@@ -38,7 +34,7 @@ def test_cubics_are_read_exactly_between_uneven_states_and_at_the_ends() -> None
     ).sum()
 
 
-def test_the_other_reading_is_the_farther_of_two_parabolas() -> None:
+def test_the_other_reading_is_the_farther_of_two_parabolas():
     # Between four states the cubic parts from a parabola through three of them by its third
     # difference times the distances to those three: 1.3 * 0.3 * 0.7 early, 0.3 * 0.7 * 1.7 late.
     states = field(np.arange(4.0) ** 3)
@@ -49,7 +45,7 @@ def test_the_other_reading_is_the_farther_of_two_parabolas() -> None:
 
 
 @pytest.mark.parametrize("per_period", [6.5, 9.3, 21.0])
-def test_the_other_reading_is_farther_off_than_the_error(per_period: float) -> None:
+def test_the_other_reading_is_farther_off_than_the_error(per_period):
     times = np.append(np.arange(0.0, 1.0, 1.0 / (4.0 * per_period)), 1.0)
     exact = field(np.cos(8.0 * math.pi * WANTED))
     read = read_at(times, field(np.cos(8.0 * math.pi * times)), WANTED, slack=1e-9)
@@ -60,7 +56,7 @@ def test_the_other_reading_is_farther_off_than_the_error(per_period: float) -> N
     assert told < 2.0 * 0.5 * (2.0 * math.pi / per_period) ** 3
 
 
-def test_two_or_three_states_are_read_with_what_they_have() -> None:
+def test_two_or_three_states_are_read_with_what_they_have():
     for count in (2, 3):
         times = np.linspace(0.0, 1.0, count)
         read = read_at(times, field(times), WANTED, slack=1e-9)
@@ -69,7 +65,7 @@ def test_two_or_three_states_are_read_with_what_they_have() -> None:
     assert set(np.unique(apart[:, 0, 0])) == {0.0, 1.0}
 
 
-def test_numbers_that_overflow_are_no_numbers_and_no_crash() -> None:
+def test_numbers_that_overflow_are_no_numbers_and_no_crash():
     times = np.array([0.0, 0.3, 0.6, 1.0])
     read = read_at(times, field([0.0, 8e307, -8e307, 8e307]), WANTED, slack=1e-9)
     assert not np.isfinite(read.states).all()
