@@ -255,7 +255,7 @@ class TractionSpec(OverTime):
         if liquid:
             raise ValueError(f'{", ".join(liquid)} goes with profile = "hydrostatic"')
         if (self.traction is None) != bool(self.values):
-            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 positions")
+            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 points")
         given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}
         if self.values and given:
             raise ValueError(f"values go without {', '.join(sorted(given))}")
