@@ -1,1 +1,1 @@
-"""The live page: a body is seen and touched, and several simulators follow the same hand."""
+"""The live page: a body is seen and touched, and several simulators follow the same pointer."""

@@ -4,7 +4,7 @@ A tool is pressed into the kidney of `steps` and drawn aside; linear and Green s
 each other in a thread each. Rows have seconds (wall clock, for a second of simulated time) with
 rate, its reciprocal; processor_factor, the simulated time over the processor time of the busier
 thread, which does not depend on what else the machine does; frames_per_second; latency_ms and
-worst_latency_ms from a message of the hand to the frame that shows it, by the server's clock;
+worst_latency_ms from a message of the pointer to the frame that shows it, by the server's clock;
 megabytes_per_second; page_kilobytes. The client stands in for a page, in timings and in tests.
 """
 
@@ -14,9 +14,10 @@ import json
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,14 +113,8 @@ def connected(address: str, **changed: Any) -> Iterator[Client]:
         yield Client(socket)
 
 
-Row = dict[str, Any]
 # The number of cells of the kidney of `palpate bench steps`.
 KIDNEY = 20_000
-SIZES = (KIDNEY,)
-TABLE = (
-    "processor_factor", "frames_per_second", "latency_ms", "worst_latency_ms",
-    "megabytes_per_second", "page_kilobytes", "real_time_held",
-)  # fmt: skip
 # Simulated time [s]; the first part is not counted.
 SECONDS, WARM_UP = 6.0, 1.0
 # How far the tool is pressed in and drawn aside [mm].
@@ -145,7 +140,7 @@ region = { half_space = { point = [0.0, 0.0, -26.75], normal = [0.0, 0.0, -1.0] 
 """
 
 
-def measure(_size: int, progress: Progress) -> list[Row]:
+def measure(_size: int, progress: Progress) -> list[dict[str, Any]]:
     """Time the server, as one row.
 
     Raises:
@@ -157,13 +152,10 @@ def measure(_size: int, progress: Progress) -> list[Row]:
         return [measured(mesh, Path(name), progress)]
 
 
-def summary(_rows: Sequence[Row]) -> list[str]:
-    """No lines: the table says everything."""
-    return []
-
-
-def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = SECONDS) -> Row:
-    """Serve a body of soft tissue [m] to a client that moves the hand, and read the clocks.
+def measured(
+    mesh: TetMesh, folder: Path, progress: Progress, seconds: float = SECONDS
+) -> dict[str, Any]:
+    """Serve a body of soft tissue [m] to a client that moves the tool, and read the clocks.
 
     Args:
         mesh: A body of a kidney's size; it is fixed below and pressed from above.
@@ -185,7 +177,7 @@ def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = S
     serving.start()
     try:
         ready.wait()
-        progress(f"a hand on {mesh.num_cells} cells for {seconds:g} s")
+        progress(f"a tool on {mesh.num_cells} cells for {seconds:g} s")
         with connected(server.address) as client:
             start = np.array(client.scene["tool"]["start"])
             for number in range(1, 10**6):
@@ -226,3 +218,12 @@ def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = S
         "force": float(np.linalg.norm(heads[-1]["panes"][1]["force"])),
         "trouble": any(pane["trouble"] for pane in heads[-1]["panes"]),
     }
+
+
+BENCHMARK = SimpleNamespace(
+    sizes=(KIDNEY,),
+    measure=measure,
+    summary=lambda _rows: [],  # the table says everything
+    table=("processor_factor", "frames_per_second", "latency_ms", "worst_latency_ms",
+           "megabytes_per_second", "page_kilobytes", "real_time_held"),
+)  # fmt: skip

@@ -92,9 +92,9 @@ class Pace:
 
     def note(self, spent: float, cpu: float) -> None:
         """Note the wall time of a tick, and the processor time of its busiest thread [s]."""
-        share = min(1.0, self._tick / (0.5 * _WHILE))
-        self._spent += share * (spent - self._spent)
-        self._cpu += share * (cpu - self._cpu)
+        weight = min(1.0, self._tick / (0.5 * _WHILE))
+        self._spent += weight * (spent - self._spent)
+        self._cpu += weight * (cpu - self._cpu)
         now = time.perf_counter()
         self._ends = [*(end for end in self._ends if now - end < _WHILE), now]
 

@@ -1,4 +1,4 @@
-"""A case that is touched: the body of a case file, a tool that the hand moves, and the clock."""
+"""A case that is touched: the body of a case file, a tool that the pointer moves, and the clock."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from palpate.validation.case.load import CaseError, explain
 from palpate.validation.case.loading_schema import ToolSpec
 from palpate.validation.case.schema import CaseSpec
 from palpate.validation.exchange.result_files import LENGTH
-from palpate.validation.live.hand import Clock
+from palpate.validation.live.pointer import Clock
 
 # The approximate length of a tick [s]: two make a frame.
 TICK = 1.0 / 120.0
@@ -37,7 +37,7 @@ _RAMP = 0.5
 _RADIUS, _GAPS = 0.12, 1.5
 # The radius of a patch that is grabbed, in the same terms: it contains some vertices.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
-# The keys of a case's own tool that the hand's tool takes over.
+# The keys of a case's own tool that the page's tool takes over.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
 # Initial distance of the tool from the body, as a fraction of the longest side.
 _AWAY = 0.06
@@ -71,7 +71,7 @@ class LiveCase:
 
     Attributes:
         case: The case as it was read.
-        data: The tables of its file, with the hand's tool at its start, and a time of one tick.
+        data: The tables of its file, with the page's tool at its start, and a time of one tick.
         problem: The problem in SI units, which is stepped a tick at a time.
         clock: The time step and the tick.
         start: Start of the tool, in the case's unit, shape (3,).
@@ -93,6 +93,11 @@ class LiveCase:
     def unit(self) -> float:
         """The case's unit of length [m]."""
         return LENGTH[self.case.spec.units.length]
+
+    def metres(self, position: Floats) -> Floats:
+        """A position in the case's unit as one in metres, shape (3,)."""
+        x, y, z = position
+        return np.array(self.case.spec.units.lengths((x, y, z)))
 
     def described(self) -> dict[str, Any]:
         """What the page says of the case."""
@@ -173,8 +178,8 @@ def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCa
     """Prepare a case to be touched.
 
     Args:
-        case: Static or a motion; its own tools give the hand their shape only.
-        touch: The hand's tool, and what else acts.
+        case: Static or a motion; of its own tools only the shape is used.
+        touch: The page's tool, and what else acts.
         elements: The elements that are stepped; all take the shortest of their stable steps.
 
     Raises:

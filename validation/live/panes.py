@@ -1,4 +1,4 @@
-"""The simulators of the page: bodies that follow one hand, and the quantities read from them."""
+"""The simulators of the page: bodies that follow one pointer, and what is read from them."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class BetweenVertices:
 
 
 class Pane(ABC):
-    """A body under the hand: one tool, and at most one spring that pulls at the surface.
+    """A body that is touched: one tool, and at most one spring that pulls at the surface.
 
     Args:
         problem: The problem with one tool, whose path is its start, and a time span of one tick.
@@ -189,16 +189,16 @@ class Pane(ABC):
         """Return the body to rest at time 0, and the tool to its start."""
 
     @abstractmethod
-    def hold(self, spring: Spring) -> None:
+    def attach(self, spring: Spring) -> None:
         """Add a spring to those of the problem."""
 
     @abstractmethod
-    def let_go(self) -> None:
-        """Remove the spring of `hold`."""
+    def release(self) -> None:
+        """Remove the spring of `attach`."""
 
     @abstractmethod
     def pull(self) -> Floats:
-        """Present force of the body on the hand through the spring [N], shape (3,)."""
+        """Present force of the body on the anchor of the spring [N], shape (3,)."""
 
     @abstractmethod
     def mean_force(self) -> Floats:
@@ -251,7 +251,7 @@ class ExplicitPane(Pane):
         self, problem: Problem, surface: Surface, strain: Strain, element: Element
     ) -> None:
         smoothed = " (smoothed)" if element is Element.SMOOTHED else ""
-        super().__init__(problem, surface, strain, element, f"{STRAIN_NAMES[strain]}{smoothed}")
+        super().__init__(problem, surface, strain, element, STRAIN_NAMES[strain] + smoothed)
         self.body = ExplicitBody(problem, strain=strain, element=element)
         self._first = self.body.springs
         self._between = BetweenVertices(problem)
@@ -282,12 +282,12 @@ class ExplicitPane(Pane):
         self._impulse, self._since, self._force = np.zeros(3), 0.0, np.zeros(3)
         self.seconds = self.cpu_seconds = 0.0
 
-    def hold(self, spring: Spring) -> None:
+    def attach(self, spring: Spring) -> None:
         """See `Pane`."""
         self.body.change_springs(self.body.springs.with_spring(spring))
         self._is_grabbed = True
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """See `Pane`."""
         if self._is_grabbed:
             self.body.change_springs(self.body.springs.without_spring(len(self.body.springs) - 1))
@@ -354,24 +354,19 @@ class CondensedSpring:
         # Points that are fixed in all components take no force.
         points = corners[row[corners] >= 0]
         self.rows: Indices = row[points]
-        count = len(points)
-        own = np.full(mesh.num_points, -1)
-        own[points] = np.arange(count)
-        stiffness = np.zeros((count, count))
-        for facet, numbers in zip(own[self.patch.facets], self.patch.stiffnesses, strict=True):
-            free = np.flatnonzero(facet >= 0)
-            stiffness[np.ix_(facet[free], facet[free])] += numbers.reshape(3, 3)[np.ix_(free, free)]
-        self._stiffness = np.kron(stiffness, np.eye(3))
         self._sums = self.patch.row_sums()[points]
         self._seen = self.rows + len(model.seen) - len(model.touched)
-        columns = []
-        for k in range(3 * count):
-            unit = np.zeros((len(model.touched), 3))
-            unit[self.rows[k // 3], k % 3] = 1.0
-            columns.append(model.compliance.response(unit)[self._seen].ravel())
-        self._compliance = np.array(columns).T
-        self._solve = np.linalg.inv(np.eye(3 * count) + self._stiffness @ self._compliance)
-        self.force = np.zeros((count, 3))
+        stiffness, compliance = [], []
+        for point in points:
+            for axis in range(3):
+                unit = np.zeros_like(mesh.points)
+                unit[point, axis] = 1.0
+                stiffness.append(self.patch.multiply(unit)[points].ravel())
+                response = model.compliance.response(unit[model.touched])
+                compliance.append(response[self._seen].ravel())
+        self._stiffness, self._compliance = np.array(stiffness).T, np.array(compliance).T
+        self._solve = np.linalg.inv(np.eye(len(compliance)) + self._stiffness @ self._compliance)
+        self.force = np.zeros((len(points), 3))
 
     def pull(self, anchor: Floats, displacement: Points) -> None:
         """Find the force of the spring.
@@ -386,7 +381,7 @@ class CondensedSpring:
 
 
 class CondensedPane(Pane):
-    """The condensed linear model: an equilibrium under the hand in each tick, without inertia.
+    """The condensed linear model: an equilibrium in each tick, without inertia.
 
     Where contact does not converge, the body stays as it was. Where tool and spring both act, each
     follows the other a tick later.
@@ -398,7 +393,9 @@ class CondensedPane(Pane):
 
     def __init__(self, problem: Problem, surface: Surface, element: Element) -> None:
         if problem.loads or problem.springs:
-            raise InputError("the condensed body bears the hand alone: leave the case's loads out")
+            raise InputError(
+                "the condensed body bears tool and spring alone: leave the case's loads out"
+            )
         smoothed = ", smoothed" if element is Element.SMOOTHED else ""
         name = f"{STRAIN_NAMES[Strain.LINEAR]} (condensed{smoothed})"
         super().__init__(problem, surface, Strain.LINEAR, element, name)
@@ -428,12 +425,12 @@ class CondensedPane(Pane):
         self._force = np.zeros(3)
         self.seconds = self.cpu_seconds = 0.0
 
-    def hold(self, spring: Spring) -> None:
+    def attach(self, spring: Spring) -> None:
         """See `Pane`."""
         self._spring = CondensedSpring(self._model, spring)
         self._anchor = np.array(spring.path.end)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """See `Pane`."""
         self._spring = None
         self._steps.set_base()

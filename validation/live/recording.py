@@ -19,9 +19,9 @@ from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH
 from palpate.validation.case.writing import case_text
-from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import LiveCase
 from palpate.validation.live.panes import ExplicitPane, Pane
+from palpate.validation.live.pointer import Pointer
 
 # Fraction of the stiffest spring that the time step allows: two grips of a recording may overlap.
 _PART_OF_ROOM = 0.4
@@ -36,7 +36,7 @@ class Grip:
     Attributes:
         table: The spring's table in a case file, without path.
         spring: The same spring in SI units, its anchor at the patch.
-        hand: Moves the anchor, in the case's unit, relative to the body at rest.
+        pointer: Moves the anchor, in the case's unit, relative to the body at rest.
         first: Position of the anchor when the grip began, in the case's unit.
         begin: Step at which the grip began.
         end: Step at which it ended; None while it lasts.
@@ -45,7 +45,7 @@ class Grip:
 
     table: dict[str, Any]
     spring: Spring
-    hand: Hand
+    pointer: Pointer
     first: Floats
     begin: int
     end: int | None = None
@@ -80,10 +80,10 @@ class Grip:
 
     def static_table(self) -> dict[str, Any]:
         """The spring's table with the anchor at its present position, for statics."""
-        return {**self.table, "displacement": self.hand.position.tolist()}
+        return {**self.table, "displacement": self.pointer.position.tolist()}
 
 
-def take_hold(
+def make_grip(
     live: LiveCase,
     pane: ExplicitPane,
     point: int,
@@ -111,10 +111,14 @@ def take_hold(
     units, mesh, body = live.case.spec.units, live.problem.mesh, pane.body
     position = np.round(mesh.points[point] / live.unit, digits)
     size = float(f"{radius / live.unit:.6g}")
-    center = units.lengths((position[0], position[1], position[2]))
-    none = AnchorPath(np.zeros(1), np.zeros((1, 3)))
-    soft = Spring.on(mesh, center, units.metres(size), 1.0, none)
-    patch = PatchSprings(mesh.points, (soft,))
+
+    x, y, z = live.metres(position).tolist()
+
+    def spring_of(stiffness: float, anchor: Floats) -> Spring:
+        path = AnchorPath(np.zeros(1), live.metres(anchor)[None])
+        return Spring.on(mesh, (x, y, z), units.metres(size), stiffness, path)
+
+    patch = PatchSprings(mesh.points, (spring_of(1.0, np.zeros(3)),))
     if pane.trouble:
         raise InputError("the body stands still; reset it first")
     room = (4.0 / body.time_step**2 - 4.0 / body.critical_time_step**2) * body.mass
@@ -124,67 +128,40 @@ def take_hold(
     per_unit = FORCE[units.force] / LENGTH[units.length]
     stiffness = float(f"{min(wanted, most) / per_unit:.3g}")
     first = np.round(patch.mean_displacements(body.displacement)[0] / live.unit, digits)
-    anchor = np.array([units.lengths((first[0], first[1], first[2]))])
-    spring = Spring.on(
-        mesh,
-        center,
-        units.metres(size),
-        units.newtons_per_metre(stiffness),
-        AnchorPath(np.zeros(1), anchor),
-    )
+    spring = spring_of(units.newtons_per_metre(stiffness), first)
     table = {"center": position.tolist(), "radius": size, "stiffness": stiffness}
-    hand = Hand(first, np.zeros(3), largest_way, digits)
-    return Grip(table, spring, hand, first, body.steps)
+    pointer = Pointer(first, np.zeros(3), largest_way, digits)
+    return Grip(table, spring, pointer, first, body.steps)
 
 
 # The approximate number of states that are stored for each second of a recorded motion.
 _OUTPUTS = 30.0
-_MOTION_CHECKS: list[dict[str, Any]] = [
-    {
-        "metric": "trajectory_l2",
-        "against": "same_mesh",
-        "limit": 1e-6,
-        "reason": "same mesh, path and time step: only rounding is left, which contact spreads",
-    },
-    {
-        "metric": "tool_force",
-        "against": "same_mesh",
-        "limit": 1e-6,
-        "reason": "the force in the hand, from output to output",
-    },
-    {
-        "metric": "inverted_cells",
-        "against": "candidate",
-        "limit": 0.0,
-        "reason": "no cell may be inverted",
-    },
-]
-
-
 # The tolerance of the truth: a fifth of the smallest limit below.
 _BAR = 0.01
 # A displacement below this fraction of the body's size is not worth a verdict.
 _NOTHING = 1e-6
-_POSE_CHECKS: list[dict[str, Any]] = [
-    {
-        "metric": "displacement_l2",
-        "against": "truth",
-        "limit": 0.05,
-        "reason": "a twentieth of the displacement: of 16 mm, an instrument is placed to one",
-    },
-    {
-        "metric": "smallest_det_f",
-        "against": "candidate",
-        "limit": 0.0,
-        "reason": "no cell may be inverted",
-    },
-]
-_FORCE_CHECK = {
-    "metric": "tool_force",
-    "against": "truth",
-    "limit": 0.07,
-    "reason": "a hand tells forces that differ by 7 to 10 % (L. A. Jones, Perception 18, 1989)",
-}
+
+
+def _check(metric: str, against: str, limit: float, reason: str) -> dict[str, Any]:
+    return {"metric": metric, "against": against, "limit": limit, "reason": reason}
+
+
+_WHOLE_CELLS = "no cell may be inverted"
+_MOTION_CHECKS = (
+    _check("trajectory_l2", "same_mesh", 1e-6,
+           "same mesh, path and time step: only rounding is left, which contact spreads"),
+    _check("tool_force", "same_mesh", 1e-6, "the force on the tool, from output to output"),
+    _check("inverted_cells", "candidate", 0.0, _WHOLE_CELLS),
+)  # fmt: skip
+_POSE_CHECKS = (
+    _check("displacement_l2", "truth", 0.05,
+           "a twentieth of the displacement: of 16 mm, an instrument is placed to one"),
+    _check("smallest_det_f", "candidate", 0.0, _WHOLE_CELLS),
+)  # fmt: skip
+_FORCE_CHECK = _check(
+    "tool_force", "truth", 0.07,
+    "a hand tells forces that differ by 7 to 10 % (L. A. Jones, Perception 18, 1989)",
+)  # fmt: skip
 
 
 def ticks_of_output(tick: float, num_ticks: int) -> int:
@@ -223,7 +200,7 @@ def write_recording(
     if springs:
         data["spring"] = [*data.get("spring", []), *springs]
     data["title"] = f"{live.case.title}: touched"
-    data["check"] = _MOTION_CHECKS
+    data["check"] = list(_MOTION_CHECKS)
     return write_case(live.case, data, folder, name)
 
 
@@ -261,17 +238,13 @@ def write_pose(
     data = live.with_path([position])
     data.pop("time")
     data["strain"] = "green"
-    data["title"] = f"{live.case.title}: held in a hand"
-    data.pop("load", None)
-    given = parse_toml(live.case.text).get("load")
-    if live.has_loads and given:
-        data["load"] = given
-    data.pop("spring", None)
-    springs = parse_toml(live.case.text).get("spring", []) if live.has_loads else []
-    if grip is not None:
-        springs = [*springs, grip]
-    if springs:
-        data["spring"] = springs
+    data["title"] = f"{live.case.title}: a pose of the live page"
+    given = parse_toml(live.case.text) if live.has_loads else {}
+    springs = [*given.get("spring", []), *([] if grip is None else [grip])]
+    for key, tables in (("load", given.get("load")), ("spring", springs)):
+        data.pop(key, None)
+        if tables:
+            data[key] = tables
     data["check"] = list(_POSE_CHECKS)
     data["truth"] = {"bar": _BAR}
     if any(np.any(force) for force in forces):
@@ -286,8 +259,8 @@ def write_pose(
     else:
         data.pop("tool")
     path = write_case(live.case, data, folder, name)
-    answers = folder / f"{name}.npz"
-    with atomic_path(answers) as temporary, temporary.open("wb") as file:
+    solutions = folder / f"{name}.npz"
+    with atomic_path(solutions) as temporary, temporary.open("wb") as file:
         np.savez(
             file,
             displacement=np.array(moved),
@@ -296,7 +269,7 @@ def write_pose(
             strain=np.array([pane.strain.value for pane in panes]),
             element=np.array([pane.element.value for pane in panes]),
         )
-    return path, answers
+    return path, solutions
 
 
 def write_case(case: Case, data: dict[str, Any], folder: Path, name: str) -> Path:

@@ -298,7 +298,7 @@ class PageServer:
 
     async def _attend(self, connection: ServerConnection) -> None:
         if self._held is not None:
-            await connection.close(IN_USE, "the body is in another window's hand")
+            await connection.close(IN_USE, "another window touches this body")
             return
         self._held = connection
         self._notes.clear()

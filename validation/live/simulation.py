@@ -1,4 +1,4 @@
-"""Steps all bodies in real time under the same hand, and never waits for the page."""
+"""Steps all bodies in real time under the same pointer, and never waits for the page."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
 from palpate.validation.live.frames import FrameMaker, Pace
-from palpate.validation.live.hand import RETREAT, Hand, Settling
 from palpate.validation.live.judging import Judging
 from palpate.validation.live.live_case import Touch, live_case, patch_radius
 from palpate.validation.live.panes import BetweenVertices, ExplicitPane, Surface, make_panes
+from palpate.validation.live.pointer import RETREAT, Pointer, Settling
 from palpate.validation.live.recording import (
     MOST_GRIPS,
     Grip,
     free_name,
-    take_hold,
+    make_grip,
     write_pose,
     write_recording,
 )
@@ -144,7 +144,7 @@ class Simulation(threading.Thread):
     def _reset(self) -> None:
         tick = self.live.clock.tick
         unit = self.live.unit
-        self.hand = Hand(
+        self.pointer = Pointer(
             self.live.start,
             self.live.outwards,
             self._largest_speed * tick / unit,
@@ -204,8 +204,8 @@ class Simulation(threading.Thread):
     def _tick(self) -> None:
         clock = self.live.clock
         room = min(pane.room for pane in self.panes)
-        position = self.hand.next_position(room)
-        metres = self._metres(position)
+        position = self.pointer.next_position(room)
+        metres = self.live.metres(position)
         begin = time.perf_counter()
         anchor = self._next_anchor(room)
         others = [
@@ -234,12 +234,9 @@ class Simulation(threading.Thread):
         """The next displacement of the grip's anchor [m]; None where nothing is grabbed."""
         if self._grip is None:
             return None
-        position = self._grip.hand.next_position(room)
+        position = self._grip.pointer.next_position(room)
         self._grip.positions.append(position.copy())
-        return self._metres(position)
-
-    def _metres(self, position: Floats) -> Floats:
-        return np.array(self._case.spec.units.lengths((position[0], position[1], position[2])))
+        return self.live.metres(position)
 
     def _show(self) -> int:
         """Send a frame, and return its size [bytes]."""
@@ -248,9 +245,10 @@ class Simulation(threading.Thread):
         grip = self._grip
         head = {
             "time": self._ticks * self.live.clock.tick,
-            "tool": (self.hand.position * self._milli).tolist(),
-            "grip": None if grip is None else (grip.hand.position * self._milli).tolist(),
-            "held_back": self.hand.is_held_back or (grip is not None and grip.hand.is_held_back),
+            "tool": (self.pointer.position * self._milli).tolist(),
+            "grip": None if grip is None else (grip.pointer.position * self._milli).tolist(),
+            "held_back": self.pointer.is_retreating
+            or (grip is not None and grip.pointer.is_retreating),
             "paused": self._is_paused,
             "recording": self._recorded is not None,
             "answered": number,
@@ -273,20 +271,20 @@ class Simulation(threading.Thread):
                 | protocol.Pull()
                 | protocol.Order(kind="withdraw")
             ) if self._settling is not None:
-                pass  # the hand stays still
+                pass  # the tool stays where it is
             case protocol.ToolTo(number=number, to=to):
-                self.hand.send(np.array(to) / self._milli)
+                self.pointer.send(np.array(to) / self._milli)
                 self._unanswered = (number, received)
             case protocol.Grab(point=point, radius=radius):
                 self._grab(point, radius)
             case protocol.Pull(number=number, by=by) if self._grip is not None:
-                self._grip.hand.send(self._grip.first + np.array(by) / self._milli)
+                self._grip.pointer.send(self._grip.first + np.array(by) / self._milli)
                 self._unanswered = (number, received)
             case protocol.Order(kind="let_go"):
                 self._let_go()
             case protocol.Order(kind="withdraw"):
                 self._let_go()
-                self.hand.withdraw()
+                self.pointer.withdraw()
             case protocol.Order(kind="reset"):
                 self._recorded = None
                 self._reset()
@@ -299,7 +297,7 @@ class Simulation(threading.Thread):
                 self._with_loads(on)
             case protocol.Switch(kind="record", on=True):
                 self._reset()
-                self._recorded = [self.hand.position.copy()]
+                self._recorded = [self.pointer.position.copy()]
             case protocol.Switch(kind="record", on=False):
                 self._end_recording()
             case protocol.ColourBy(by=by):
@@ -315,19 +313,19 @@ class Simulation(threading.Thread):
             p for p in self.panes if isinstance(p, ExplicitPane) and p.strain is Strain.GREEN
         )
         try:
-            grip = take_hold(
+            grip = make_grip(
                 self.live,
                 green,
                 int(used[min(point, len(used) - 1)]),
                 radius * 1e-3,
-                largest_way=self.hand.largest_way,
-                digits=self.hand.digits,
+                largest_way=self.pointer.largest_way,
+                digits=self.pointer.digits,
             )
         except InputError as error:
             self._say(str(error))
             return
         for pane in self.panes:
-            pane.hold(grip.spring)
+            pane.attach(grip.spring)
         self._grip = grip
         self._grips.append(grip)
         spring = grip.spring
@@ -341,7 +339,7 @@ class Simulation(threading.Thread):
             return
         self._grip.end = self._ticks * self.live.clock.steps
         for pane in self.panes:
-            pane.let_go()
+            pane.release()
         self._grip = None
 
     def _begin_to_judge(self) -> None:
@@ -349,11 +347,11 @@ class Simulation(threading.Thread):
             self._say("the pose before is still being judged")
             return
         self._recorded, self._is_paused = None, False
-        self.hand.stay()
+        self.pointer.stay()
         if self._grip is not None:
-            self._grip.hand.stay()
+            self._grip.pointer.stay()
         self._settling = Settling(self.live.clock.tick)
-        self._say("judging: kept still until the bodies rest")
+        self._say("judging: waiting until the bodies rest")
 
     def _settle(self, settling: Settling) -> None:
         """Watch the bodies settle; forces are means over the last window or less."""
@@ -369,7 +367,7 @@ class Simulation(threading.Thread):
             name = free_name(self._folder, f"held-{self._case.name}")
             spring = None if self._grip is None else self._grip.static_table()
             case, pose = write_pose(
-                self.live, self.hand.position, self.panes, forces, spring, self._folder, name
+                self.live, self.pointer.position, self.panes, forces, spring, self._folder, name
             )
         except (InputError, OSError) as error:
             self._is_paused = False
@@ -378,7 +376,7 @@ class Simulation(threading.Thread):
             return
         self._say(settled.says)
         moved = [pane.displacement for pane in self.panes]
-        metres = self._metres(self.hand.position)
+        metres = self.live.metres(self.pointer.position)
         if warning := BetweenVertices(self.live.problem).warning(metres, moved):
             self._say(warning)
         self._judging = Judging(case, pose, self._send)

@@ -1,7 +1,7 @@
 """Compares a pose of the live page with the reference, as a program in the background.
 
 python -m palpate.validation.live.verdict CASE.toml POSE.npz: the case is static, POSE holds each
-pane's displacement [m], the force on the hand [N], strain measure and element. Two questions, one
+pane's displacement [m], the force on the tool [N], strain measure and element. Two questions, one
 after the other:
 
 - `SAME_MESH`: is it solved right? Each pane against the reference with its own strain measure and
@@ -19,9 +19,9 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,7 +45,7 @@ from palpate.validation.references.reference_set import TRUTH as GRADED
 from palpate.validation.references.runs import solve_state
 from palpate.validation.references.statics import estimate_bars, solve_live
 from palpate.validation.report.viewer import packed
-from palpate.validation.states import CandidateFailedError, Progress, State, gravest
+from palpate.validation.states import CandidateFailedError, Progress, State, Verdict, gravest
 
 SAME_MESH, TRUTH = "same mesh", "truth"
 _ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
@@ -57,32 +57,17 @@ _COLOUR = {
 _SECONDS = 120.0
 # Time budget of the bar's geometry part, for bodies that have one [s].
 _OF_GEOMETRY = 40.0
-_RIGHT: tuple[dict[str, Any], ...] = (
-    {
-        "metric": "displacement_l2",
-        "against": "same_mesh",
-        "limit": 0.01,
-        "reason": "the same equations on the same mesh: the rest is the way left to equilibrium",
-    },
-    {
-        "metric": "tool_force",
-        "against": "same_mesh",
-        "limit": 0.02,
-        "reason": "likewise; less than the 7 % that a hand can tell",
-    },
+_EQUATIONS = "the same equations on the same mesh: the rest is the way left to equilibrium"
+_RIGHT = (
+    {"metric": "displacement_l2", "limit": 0.01, "reason": _EQUATIONS},
+    {"metric": "tool_force", "limit": 0.02, "reason": "less than the 7 % that a hand can tell"},
 )
 
 
-@dataclass(frozen=True, eq=False)
-class PoseOfPane:
-    """The pose of the body in a pane.
+class PoseOfPane(NamedTuple):
+    """The pose of the body in a pane: strain measure and element are those it is stepped with.
 
-    Attributes:
-        name: The name of the pane.
-        strain: The strain measure that it is stepped with.
-        element: The element that it is stepped with.
-        displacement: [m], shape (num_points, 3).
-        force: Force of the body on the hand [N], shape (3,).
+    `displacement` [m] has shape (num_points, 3), `force` of the body on the tool [N] (3,).
     """
 
     name: str
@@ -105,30 +90,23 @@ class PoseOfPane:
         return state_of_result(result, problem, self.name, strain)
 
 
-@dataclass(frozen=True, eq=False)
-class PoseVerdict:
-    """The verdict on one of the questions.
+class PaneVerdict(NamedTuple):
+    """The verdict on a pane, its checks in words, and its error's length at each point [m].
 
-    Attributes:
-        reports: The report on each pane: name, verdict, checks.
-        errors: Error's length at each point [m], NaN without a reference, (num_panes, num_points).
+    The error is NaN where there is no reference.
     """
 
-    reports: list[dict[str, Any]]
-    errors: Floats
+    name: str
+    verdict: Verdict
+    checks: list[str]
+    error: Floats
 
 
 def read_pose(path: Path) -> list[PoseOfPane]:
     """Read what `recording.write_pose` wrote beside the case."""
     with np.load(path, allow_pickle=False) as given:
-        rows = zip(
-            given["names"],
-            given["strain"],
-            given["element"],
-            given["displacement"],
-            given["force"],
-            strict=True,
-        )
+        columns = (given[key] for key in ("names", "strain", "element", "displacement", "force"))
+        rows = zip(*columns, strict=True)
         return [PoseOfPane(str(n), Strain(s), Element(e), u, f) for n, s, e, u, f in rows]
 
 
@@ -140,17 +118,17 @@ def same_mesh_references(
     failures: dict[tuple[str, Strain], str] = {}
     for pane in panes:
         strain, element = pane.strain, pane.element
-        position = (OF_ELEMENT[element], strain)
-        if position in states or position in failures:
+        key = (OF_ELEMENT[element], strain)
+        if key in states or key in failures:
             continue
         try:
-            states[position] = solve_state(
+            states[key] = solve_state(
                 case.problem, strain, 1, progress, element=element, start=pane.displacement
             )
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:
-            failures[position] = f"{position[0]}: {error}"
+            failures[key] = f"{key[0]}: {error}"
     return ReferenceSet(states, {}, "the same mesh, solved here", failures)
 
 
@@ -211,31 +189,26 @@ def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
 
 def judge_panes(
     question: str, case: Case, panes: Sequence[PoseOfPane], references: ReferenceSet
-) -> PoseVerdict:
+) -> list[PaneVerdict]:
     """Compare the panes with the references of a question."""
-    reports: list[dict[str, Any]] = []
-    errors = np.full((len(panes), case.mesh.mesh.num_points), np.nan)
-    for number, pane in enumerate(panes):
+    found = []
+    for pane in panes:
         strain = pane.strain if question == SAME_MESH else Strain.GREEN
         own = references.of_element(pane.element)
         judge = CaseJudge(case, own)
-        state, why = _answer(pane, case.problem, strain)
+        state, why = _usable_state(pane, case.problem, strain)
         checks = [judge.check(spec, state, why) for spec in _checks(question, case, strain)]
-        reports.append(
-            {
-                "name": pane.name,
-                "verdict": gravest([check.verdict for check in checks]).value,
-                "checks": [f"{c.metric} {c.verdict.value}: {c.message}" for c in checks],
-            }
-        )
+        words = [f"{c.metric} {c.verdict.value}: {c.message}" for c in checks]
         reference = own.same_mesh(strain) if question == SAME_MESH else own.truth(strain)
+        error = np.full(case.mesh.mesh.num_points, np.nan)
         if reference is not None:
-            apart = pane.displacement - reference.displacement
-            errors[number] = np.linalg.norm(apart, axis=1)
-    return PoseVerdict(reports, errors)
+            error = np.linalg.norm(pane.displacement - reference.displacement, axis=1)
+        verdict = gravest([check.verdict for check in checks])
+        found.append(PaneVerdict(pane.name, verdict, words, error))
+    return found
 
 
-def _answer(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State | None, str]:
+def _usable_state(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State | None, str]:
     try:
         state = pane.state(problem, strain)
     except CandidateFailedError as error:
@@ -250,30 +223,27 @@ def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
         return list(case.checks)
     has_tool = bool(case.problem.tools)
     return [
-        CheckSpec.model_validate({**spec, "strain": strain.value})
+        CheckSpec.model_validate({**spec, "against": "same_mesh", "strain": strain.value})
         for spec in _RIGHT
         if has_tool or spec["metric"] != "tool_force"
     ]
 
 
-def say(path: Path, question: str, found: PoseVerdict, used: Indices) -> None:
+def say(path: Path, question: str, panes: Sequence[PaneVerdict], used: Indices) -> None:
     """Print the notes of a verdict: on each pane, and on the errors at the surface points."""
-    for pane in found.reports:
-        text = f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {'; '.join(pane['checks'])}"
-        print(json.dumps({"kind": "note", "text": text, "verdict": pane["verdict"]}))
-    lengths = found.errors[:, used] * 1e3
-    there = np.isfinite(lengths).all(axis=1)
+    for pane in panes:
+        text = f"{_ASKED[question]} {pane.name}: {pane.verdict}. {'; '.join(pane.checks)}"
+        print(json.dumps({"kind": "note", "text": text, "verdict": pane.verdict}))
+    lengths = [1e3 * pane.error[used] for pane in panes]
+    there = [of for of in lengths if np.isfinite(of).all()]
     note = {
         "kind": "judged",
         "text": f"{_COLOUR[question]}; the case: {path}",
         "against": question,
         "more": question == SAME_MESH,
-        "verdicts": [pane["verdict"] for pane in found.reports],
-        "largest": float(lengths[there].max(initial=0.0)),
-        "errors": [
-            packed(of, np.float32) if is_there else None
-            for of, is_there in zip(lengths, there, strict=True)
-        ],
+        "verdicts": [pane.verdict for pane in panes],
+        "largest": max((float(of.max()) for of in there), default=0.0),
+        "errors": [packed(of, np.float32) if np.isfinite(of).all() else None for of in lengths],
     }
     print(json.dumps(note, allow_nan=False), flush=True)
 

@@ -9,6 +9,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from palpate.fastsim.gpu.devices import CORE, check_device
@@ -70,9 +71,9 @@ class Benchmark:
     remark: Callable[[list[Row], list[Row]], list[str]] = lambda _ours, _rivals: []
 
 
-# Names on the command line, and modules. Each has a `BENCHMARK`; or, where ours is timed alone,
-# `SIZES`, `TABLE`, `measure` of a size and a summary of all rows: the live page's server under a
-# client, and the condensed model under a ball.
+# Names on the command line, and modules, each with a `BENCHMARK`. One of palpate alone (the live
+# page's server under a client, the condensed model under a ball) has sizes and table as well,
+# measure(size, progress), its rows, and summary(rows), lines.
 _HERE = "palpate.validation.peers.bench"
 MODULES = {
     name: f"{_HERE}_{name}"
@@ -106,33 +107,31 @@ def run_benchmark(
     if name not in MODULES:
         raise InputError(f"no benchmark {name!r}; there are {', '.join(MODULES)}")
     module = importlib.import_module(MODULES[name])
-    benchmark: Benchmark | None = getattr(module, "BENCHMARK", None)
-    device = check_device(device)
-    if device != CORE:
-        if benchmark is None or not hasattr(module, "on_device"):
+    benchmark: Benchmark | SimpleNamespace = module.BENCHMARK
+    if check_device(device) != CORE:
+        if not hasattr(module, "on_device"):
             raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
         benchmark = module.on_device(benchmark, device)
-    known = tuple(module.SIZES if benchmark is None else benchmark.sizes)
-    if unknown := [size for size in sizes or () if size not in known]:
-        there = ", ".join(map(str, known))
+    if unknown := [size for size in sizes or () if size not in benchmark.sizes]:
+        there = ", ".join(map(str, benchmark.sizes))
         raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {there}")
-    chosen, left_out = sizes or known, {}
-    if benchmark is None:
-        rows = [row for size in chosen for row in module.measure(size, progress)]
-        summary, table = module.summary(rows), module.TABLE
-    else:
+    chosen = sizes or benchmark.sizes
+    rivals: dict[str, str] = {}
+    if isinstance(benchmark, Benchmark):
         rows = time_all(benchmark, chosen, progress)
-        summary, table = summarise(benchmark, rows), benchmark.table
-        timed = {row["tool"] for row in rows}
+        summary = summarise(benchmark, rows)
         rivals = {tool.name: tool.install for tool in benchmark.tools if tool.name != OURS}
-        left_out = {tool: how for tool, how in rivals.items() if tool not in timed}
+    else:
+        rows = [row for size in chosen for row in benchmark.measure(size, progress)]
+        summary = benchmark.summary(rows)
+    timed_tools = {row["tool"] for row in rows}
     return {
         "bench": name,
         "machine": describe_machine(),
         "rows": rows,
-        "left_out": left_out,
+        "left_out": {tool: how for tool, how in rivals.items() if tool not in timed_tools},
         "summary": summary,
-        "table": list(table),
+        "table": list(benchmark.table),
     }
 
 

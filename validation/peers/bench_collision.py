@@ -12,7 +12,6 @@ Missed and extra pairs of tools in single precision lie on sides of cells.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,28 +28,18 @@ from palpate.validation.states import Progress
 BODIES = {10_584: 21, 20_184: 29, 101_400: 65}
 RAYS = "trimesh embree"
 
-Keys = NDArray[np.int64]
-
-
 # Number of steps after which the motion repeats.
 NUM_FRAMES = 6
 _SWAY = 0.02  # amplitude of the points' motion over the bodies' half size
 _ROUND = 0.6  # roundness: 0 is a cube, 1 a ball
 
 
-class Place(Enum):
-    """The arrangement of the two bodies."""
-
-    OVERLAPPING = "overlapping"
-    APART = "apart"
+# Arrangements, by the distance of the centres along the diagonal over half the size of a body: in
+# both the boxes around the bodies overlap.
+PLACES = {"overlapping": 1.7, "apart": 2.5}
 
 
-# Distance of the centres along the diagonal, over half the size of a body: in both arrangements
-# the boxes around the bodies overlap.
-_BETWEEN = {Place.OVERLAPPING: 1.7, Place.APART: 2.5}
-
-
-def make_bodies(divisions: int, place: Place) -> dict[str, NDArray[np.generic]]:
+def make_bodies(divisions: int, place: str) -> dict[str, NDArray[np.generic]]:
     """Rounded boxes of divisions^3 bricks, six tetrahedra each, the second one turned.
 
     Returns:
@@ -65,7 +54,7 @@ def make_bodies(divisions: int, place: Place) -> dict[str, NDArray[np.generic]]:
         points * np.divide(largest, length, out=np.ones_like(length), where=length > 0.0)[:, None]
     )
     mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
-    between = _BETWEEN[place] / np.sqrt(3.0) * np.ones(3)
+    between = np.full(3, PLACES[place] / np.sqrt(3.0))
     first = _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0)
     second = _frames(mesh.points, _turned(1.1, -0.7), between, 2.0)
     return {
@@ -96,15 +85,10 @@ def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArr
 
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
     """Each body against the other, and where they overlap also against itself."""
-    for place in Place:
-        bodies = make_bodies(BODIES[size], place)
-        for with_self in (False, True) if place is Place.OVERLAPPING else (False,):
-            yield Scene(
-                size,
-                {**bodies, "with_self": with_self},
-                {"against": "other and self" if with_self else "other", "place": place.value},
-                _finish,
-            )
+    for place, with_self in (("overlapping", False), ("overlapping", True), ("apart", False)):
+        columns = {"against": "other and self" if with_self else "other", "place": place}
+        job = {**make_bodies(BODIES[size], place), "with_self": with_self}
+        yield Scene(size, job, columns, _finish)
 
 
 def _finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
@@ -118,27 +102,23 @@ def _finish(rows: list[Row], children: list[Child], earlier: list[Row]) -> None:
 
 def compare(rows: Sequence[Row], results: Sequence[NDArray[np.generic]]) -> None:
     """Add pairs, missed and extra of the first frame; ours, the first, equal brute force."""
-    ours = keys_of(results[0])
+    ours = _keys(results[0])
     for row, pairs in zip(rows, results, strict=True):
-        keys = keys_of(pairs)
+        keys = _keys(pairs)
         # Rays find vertices only, not their cells.
-        expected = vertices_of(ours) if row["tool"] == RAYS else ours
+        expected = np.unique(ours >> 32) if row["tool"] == RAYS else ours
         row["pairs"] = len(np.intersect1d(keys, expected))
         row["missed"] = len(np.setdiff1d(expected, keys))
         row["extra"] = len(np.setdiff1d(keys, expected))
 
 
-def keys_of(pairs: NDArray[np.generic]) -> Keys:
+def _keys(pairs: NDArray[np.generic]) -> NDArray[np.int64]:
     """One number for each row of whole numbers, ascending, each once."""
     rows = np.asarray(pairs, dtype=np.int64)
-    unique: Keys = np.unique(rows[:, 0] if rows.shape[1] == 1 else rows[:, 0] << 32 | rows[:, 1])
-    return unique
-
-
-def vertices_of(keys: Keys) -> Keys:
-    """The first numbers of the pairs that `keys_of` numbered, ascending, each once."""
-    vertices: Keys = np.unique(keys >> 32)
-    return vertices
+    keys: NDArray[np.int64] = np.unique(
+        rows[:, 0] if rows.shape[1] == 1 else rows[:, 0] << 32 | rows[:, 1]
+    )
+    return keys
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:

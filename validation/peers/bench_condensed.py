@@ -15,7 +15,7 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -33,16 +33,12 @@ from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
+from palpate.validation.peers.bench import Row
 from palpate.validation.states import Progress
 from palpate.validation.versions import version_of
 
-Row = dict[str, Any]
 # Approximate number of points that may be touched -> edge length [m].
 SIZES = {1_000: 5.15e-3, 2_000: 3.64e-3, 3_000: 2.98e-3}
-TABLE = (
-    "contacts", "tick_99_ms", "share_above", "late_of_1khz", "build_seconds", "said_mb",
-    "found_mb", "times_full", "difference",
-)  # fmt: skip
 # A tick of a haptic device is 1 ms; this is the time that contact may take of it [ms].
 LIMIT_MS = 0.3
 # Number of ticks of one circle; a quarter of this number presses the ball in.
@@ -52,28 +48,8 @@ CLOCKED = 3_000
 _RADIUS, _DEPTH, _CIRCLE = 12e-3, 5e-3, 8e-3  # [m]
 
 
-def measure(size: int, progress: Progress) -> list[Row]:
-    """Time the model, with a row for each precision of the compliance."""
-    return measured(kidney(SIZES[size]), progress, num_ticks=TICKS, clocked=CLOCKED)
-
-
-def summary(found: Sequence[Row]) -> list[str]:
-    """The limit, and the time of a tick beside that of the full solve."""
-    return [
-        f"{row['size']} points, {row['precision']}: {1e3 * row['seconds']:.3f} ms a tick (median), "
-        f"{row['tick_99_ms']:.3f} ms at 99 %, {row['share_above']:.2%} above {LIMIT_MS} ms, "
-        f"by processor time; {row['late_of_1khz']:.2%} late at 1 kHz by the clock; "
-        f"{row['times_full']:.0f} times quicker than a solve on the whole mesh"
-        for row in found
-    ]
-
-
 def kidney(edge_length: float) -> Problem:
-    """A kidney fixed on its back, a ball above its front.
-
-    Args:
-        edge_length: Length of edges [m].
-    """
+    """A kidney fixed on its back, a ball above its front; edges of this length [m]."""
     mesh = mesh_surface(shape_kidney(edge_length=edge_length))
     surface = np.unique(mesh.boundary_facets)
     fixed = surface[mesh.points[surface, 1] < -0.024].astype(np.int32)
@@ -83,7 +59,7 @@ def kidney(edge_length: float) -> Problem:
     return Problem(mesh, Material(1e4, 0.45, 1000.0), (Support(fixed),), (), tools=(ball,))
 
 
-def way(start: Points, num_ticks: int) -> Points:
+def _way(start: Points, num_ticks: int) -> Points:
     """Positions of the ball by tick [m]: a quarter of `num_ticks` down, then a full circle."""
     down = _DEPTH * np.linspace(0.0, 1.0, num_ticks // 4)
     turned = np.linspace(0.0, 2.0 * np.pi, num_ticks)
@@ -95,7 +71,9 @@ def way(start: Points, num_ticks: int) -> Points:
     return positions
 
 
-def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: int) -> list[Row]:
+def measured(
+    problem: Problem, progress: Progress, *, num_ticks: int = TICKS, clocked: int = CLOCKED
+) -> list[Row]:
     """Condense a body, and touch it: a row for each precision of the compliance.
 
     Args:
@@ -109,26 +87,22 @@ def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: i
     begin = time.process_time()
     model = condense(problem, progress=progress)
     build = time.process_time() - begin
-    grown = (_memory(peak=True) - before) / 1e6 if before else None
     about = {
         "size": size.num_touched,
         "cells": problem.mesh.num_cells,
         "build_seconds": build,
         "said_mb": size.peak_bytes / 1e6,
-        "found_mb": grown,
+        "found_mb": (_memory(peak=True) - before) / 1e6 if before else None,
     }
-    rounded = dataclasses.replace(
-        model,
-        precision=CompliancePrecision.SINGLE,
-        blocks=model.blocks.astype(CompliancePrecision.SINGLE.dtype),
-    )
+    single = CompliancePrecision.SINGLE
+    rounded = dataclasses.replace(model, precision=single, blocks=model.blocks.astype(single.dtype))
     return [{**about, **_touched(each, progress, num_ticks, clocked)} for each in (model, rounded)]
 
 
 def _touched(model: CondensedModel, progress: Progress, num_ticks: int, clocked: int) -> Row:
     body = CondensedBody(model)
     (ball,) = body.tools
-    positions = way(ball.position, num_ticks)
+    positions = _way(ball.position, num_ticks)
     num_down = len(positions) - num_ticks
     progress(f"{len(positions)} ticks of {len(model.touched)} points, {model.precision} precision")
     spent, contacts = np.zeros(len(positions)), np.zeros(len(positions))
@@ -214,3 +188,23 @@ def _memory(*, peak: bool) -> int:
         if line.startswith(name):
             return 1024 * int(line.split()[1])
     return 0
+
+
+def summary(found: Sequence[Row]) -> list[str]:
+    """The limit, and the time of a tick beside that of the full solve."""
+    return [
+        f"{row['size']} points, {row['precision']}: {1e3 * row['seconds']:.3f} ms a tick (median), "
+        f"{row['tick_99_ms']:.3f} ms at 99 %, {row['share_above']:.2%} above {LIMIT_MS} ms, "
+        f"by processor time; {row['late_of_1khz']:.2%} late at 1 kHz by the clock; "
+        f"{row['times_full']:.0f} times quicker than a solve on the whole mesh"
+        for row in found
+    ]
+
+
+BENCHMARK = SimpleNamespace(
+    sizes=tuple(SIZES),
+    measure=lambda size, progress: measured(kidney(SIZES[size]), progress),
+    summary=summary,
+    table=("contacts", "tick_99_ms", "share_above", "late_of_1khz", "build_seconds", "said_mb",
+           "found_mb", "times_full", "difference"),
+)  # fmt: skip

@@ -49,22 +49,19 @@ def make_surface(kind: str, size: int) -> TriSurface:
     Raises:
         ChildFailedError: gmsh or VTK is missing or failed.
     """
-    options: dict[str, Any]
+    tool, option = _GMSH if kind == "gmsh" else _VTK, "edge_length"
     if kind == "gmsh":
-        fine, tool = shape_kidney(edge_length=2e-3), _GMSH
+        fine = shape_kidney(edge_length=2e-3)
         # gmsh makes edges about 10 % shorter.
-        options = {"edge_length": 1.1 * math.sqrt(fine.area / size * _EDGE_SQUARED)}
+        value = 1.1 * math.sqrt(fine.area / size * _EDGE_SQUARED)
     elif kind == "decimated":
-        fine, tool = (
-            shape_kidney(edge_length=math.sqrt(0.0264 / (4.0 * size) * _EDGE_SQUARED)),
-            _VTK,
-        )
-        options = {"size": size}
+        fine = shape_kidney(edge_length=math.sqrt(0.0264 / (4.0 * size) * _EDGE_SQUARED))
+        option, value = "size", size
     else:
-        fine, tool = shape_kidney(edge_length=4e-3), _VTK
+        fine = shape_kidney(edge_length=4e-3)
         # A surface has about 2.5 triangles for each area of a voxel's face.
-        options = {"voxel": math.sqrt(2.5 * fine.area / size)}
-    job = {"points": fine.points, "facets": fine.facets, **options}
+        option, value = "voxel", math.sqrt(2.5 * fine.area / size)
+    job = {"points": fine.points, "facets": fine.facets, option: value}
     said: list[str] = []
     with timed((tool,), "Surface", job, Schedule(turns=1), said.append) as children:
         if not children:

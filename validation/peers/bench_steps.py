@@ -10,7 +10,7 @@ rate_of_stvk: its rate over that of Saint-Venant-Kirchhoff in the same run. With
 runs on it: bytes_per_cell, which a step moves, counted from the arrays; the gigabytes_per_second
 that result; share_of_copy, the fraction of what copies reach there, for a body beyond the caches;
 times_two_cores, over our core on two threads; and paper_rate, the most that an H100's memory would
-allow (`palpate.validation.peers.adapters.traffic`).
+allow (`paper_rate` of `adapters/ours.py`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import rest_arrays
-from palpate.validation.peers.adapters.traffic import paper_rate
+from palpate.validation.peers.adapters.ours import paper_rate
 from palpate.validation.peers.bench import Benchmark, Row, Scene
 from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, Schedule
@@ -90,7 +90,7 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
             if row["tool"] != OURS:
                 continue
             if "device" in row:
-                _compare_device(row, rows)
+                compare_device(row, rows)
             row["real_time_factor"] = SAFETY * row["critical_time_step"] / row["seconds"]
             if size == KIDNEY:
                 # Cost grows as n, the stable step shrinks as n^(-1/3).
@@ -130,7 +130,7 @@ def on_device(benchmark: Benchmark, device: str) -> Benchmark:
     return dataclasses.replace(benchmark, tools=tools)
 
 
-def _compare_device(row: Row, rows: list[Row]) -> None:
+def compare_device(row: Row, rows: list[Row]) -> None:
     """Compare a device's rate with that of its memory, and with two cores."""
     moved = row["bytes_per_cell"] * row["size"] / row["seconds"] / 1e9
     row["gigabytes_per_second"] = moved
@@ -149,35 +149,29 @@ def _compare_device(row: Row, rows: list[Row]) -> None:
         row["times_two_cores"] = cores[0]["wall_seconds"] / row["wall_seconds"]
 
 
-def _of_copy(row: Row) -> str:
-    fraction = row.get("share_of_copy")
-    return "" if fraction is None else f", {fraction:.0%} of what copies reach there"
-
-
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
-    """The speedup from threads, and how many cells run in real time."""
-    parts = [
-        f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one"
-        for row in ours
-        if "speedup_from_threads" in row and "times_linear" not in row
-    ]
-    parts += [
-        f"smoothed {row['times_linear']:.2f} times as long for a second of motion"
-        for row in ours
-        if "times_linear" in row and row["threads"] == 1
-    ]
-    parts += [
-        f"{row['law']} at {row['rate_of_stvk']:.2f} of the rate in {row['precision']}"
-        for row in ours
-        if "rate_of_stvk" in row
-    ]
-    parts += [
-        f"{row['device']}, {row['element']}, {row['precision']}: {row['bytes_per_cell']:.0f} bytes "
-        f"per cell and step{_of_copy(row)}; on paper an "
-        f"H100's memory (3.35 TB/s, nothing else in the way) allows {row['paper_rate']:.3g} at most"
-        for row in ours
-        if "bytes_per_cell" in row
-    ]
+    """What follows from rows of threads, of smoothed cells, of another law and of a device."""
+    threads, smoothed, laws, devices = [], [], [], []
+    for row in ours:
+        if "speedup_from_threads" in row and "times_linear" not in row:
+            threads.append(f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one")
+        if "times_linear" in row and row["threads"] == 1:
+            smoothed.append(
+                f"smoothed {row['times_linear']:.2f} times as long for a second of motion"
+            )
+        if "rate_of_stvk" in row:
+            rate = f"{row['rate_of_stvk']:.2f} of the rate in {row['precision']}"
+            laws.append(f"{row['law']} at {rate}")
+        if "bytes_per_cell" in row:
+            fraction = row.get("share_of_copy")
+            of_copy = "" if fraction is None else f", {fraction:.0%} of what copies reach there"
+            devices.append(
+                f"{row['device']}, {row['element']}, {row['precision']}: "
+                f"{row['bytes_per_cell']:.0f} bytes per cell and step{of_copy}; on paper an H100's "
+                "memory (3.35 TB/s, nothing else in the way) allows "
+                f"{row['paper_rate']:.3g} at most"
+            )
+    parts = [*threads, *smoothed, *laws, *devices]
     if "real_time_cells" in ours[0]:
         parts.append(f"{ours[0]['real_time_cells']} cells in real time on one core")
     return parts

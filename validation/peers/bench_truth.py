@@ -51,10 +51,8 @@ def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
 def remark(ours: list[Row], rivals: list[Row]) -> list[str]:
     """The difference of the results."""
     one = ours[0]["max_displacement"]
-    return [
-        f"largest displacements {abs(row['max_displacement'] - one) / one:.1g} apart"
-        for row in rivals
-    ]
+    apart = (abs(row["max_displacement"] - one) / one for row in rivals)
+    return [f"largest displacements {each:.1g} apart" for each in apart]
 
 
 BENCHMARK = Benchmark(

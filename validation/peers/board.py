@@ -100,7 +100,7 @@ def compute_board(
         for case in cases
         for law in {case.spec.material.law, *(entry.law for entry in present)}
     }
-    asked = [(entry, case) for case in sorted(cases, key=_cost) for entry in present]
+    wanted = [(entry, case) for case in sorted(cases, key=_cost) for entry in present]
     runs: dict[tuple[str, str], Run] = {}
     truths: dict[tuple[str, Law], Truth] = {}
     at_once = threading.Semaphore(processes)
@@ -122,15 +122,15 @@ def compute_board(
                 say(f"truth of {of.name}")
                 truths[key] = find_truth(of, cache, say)
 
-    for entry, case in asked:  # in this process, which is timed while it does nothing else
+    for entry, case in wanted:  # in this process, which is timed while it does nothing else
         if not entry.is_outside:
             run(entry, case)
     for entry in (one for one in present if one.compiles):
-        bodies = [under[case.path.stem, entry.law] for who, case in asked if who is entry]
+        bodies = [under[case.path.stem, entry.law] for other, case in wanted if other is entry]
         missing = (of for of in bodies if not is_cached(entry, of, cache, time_limit))
         any(warm_up(entry, of, say) for of in missing)  # until it takes one of them
     # Cases under another law come first: their truths are solved here while the others run.
-    outside = [(entry, case) for entry, case in asked if entry.is_outside]
+    outside = [(entry, case) for entry, case in wanted if entry.is_outside]
     outside.sort(key=lambda one: (_cost(one[1]), one[0].law is one[1].spec.material.law))
     pool = ThreadPoolExecutor(processes)
     try:
@@ -146,10 +146,10 @@ def compute_board(
     say("every run has ended; judged now")
     scores: dict[tuple[str, str], Score] = {}
     own_steps = OwnSteps(cache, say)
-    for entry, case in asked:
+    for entry, case in wanted:
         name, of = case.path.stem, under[case.path.stem, entry.law]
         law = of.problem.material.law
-        truth = truths.get((name, law), Truth(of, why="nobody asked"))
+        truth = truths.get((name, law), Truth(of, why="not needed"))
         of_case = truths.get((name, case.problem.material.law), truth)
         score = _judged(runs[entry.name, name], entry, truth, of_case, own_steps)
         scores[entry.name, name] = score

@@ -17,19 +17,19 @@ separately (`law_apart`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem
+from palpate.validation.case import Case
 from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.case_references import are_the_cases
 from palpate.validation.judging.checks import decide
-from palpate.validation.judging.error_budget import farthest_probe
 from palpate.validation.metrics import measure
 from palpate.validation.peers.board_references import NOT_A_LAW, OwnSteps, Truth, followed_law
 from palpate.validation.peers.board_runs import Run, Status
@@ -89,17 +89,14 @@ def judge_run(
         own_steps: References of motions by the simulator's own steps; None leaves these out.
     """
     case = truth.case
-    metric = "displacement_l2" if case.problem.time is None else "trajectory_l2"
-    limit = next(
-        (
-            check.limit
-            for check in case.checks
-            if (check.metric, check.against) == (metric, "truth")
-            and (check.strain or case.strain) is case.strain
-        ),
-        None,
+    metric = _metric(case.problem)
+    asked = (
+        check.limit
+        for check in case.checks
+        if (check.metric, check.against) == (metric, "truth")
+        and (check.strain or case.strain) is case.strain
     )
-    score = Score(run, truth.law, metric, limit=limit)
+    score = Score(run, truth.law, metric, limit=next(asked, None))
     if run.status is Status.FAILED:
         return dataclasses.replace(score, verdict=Verdict.FAILED, why=run.why)
     if run.state is None:
@@ -120,16 +117,12 @@ def judge_run(
         return dataclasses.replace(score, why=f"no truth: {truth.why or 'none is stored'}")
     found = measure(metric, case.problem, state, best)
     bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
-    verdict = Verdict.SKIPPED if limit is None else decide(found.value, bar, limit)
-    if case.problem.time is None:
-        causes, follows = _causes(case.problem, case.strain, state, best, same, entry)
-    else:
-        causes, follows = _causes_of_motion(case.problem, state, best, same, own_steps)
+    causes, follows = _causes(case, entry, state, best, same, own_steps)
     return dataclasses.replace(
         score,
         distance=float(found.value),
         bar=float(bar),
-        verdict=verdict,
+        verdict=Verdict.SKIPPED if score.limit is None else decide(found.value, bar, score.limit),
         causes=causes,
         follows=follows,
         law_apart=_law_apart(truth, of_case),
@@ -137,26 +130,39 @@ def judge_run(
     )
 
 
+def _metric(problem: Problem) -> str:
+    """The metric of the distance from the truth."""
+    return "displacement_l2" if problem.time is None else "trajectory_l2"
+
+
 def _causes(
-    problem: Problem,
-    strain: Strain,
+    case: Case,
+    entry: Peer,
     state: State,
     truth: State,
     same: State | None,
-    entry: Peer,
+    own_steps: OwnSteps | None,
 ) -> tuple[dict[str, float], str]:
-    """Parts of a result's error, and the law that it follows if that is another one."""
+    """Parts of a result's error where the truth moves most, and another law that it follows."""
+    problem, strain = case.problem, case.strain
+    lengths = np.linalg.norm(truth.displacements, axis=2)
+    if problem.time is None:
+        free = _is_free(problem)
+        lengths = np.where(free, lengths, 0.0) if lengths[:, free].any() else lengths
+    most = np.unravel_index(int(lengths.argmax()), lengths.shape)
+    direction = truth.displacements[most]
+    scale = float(direction @ direction)
+    if not scale > 0.0:
+        return {}, ""
+
+    def at(of: State | Points) -> float:
+        displacements = of.displacements if isinstance(of, State) else of[None]
+        return float(displacements[most] @ direction) / scale
+
+    if problem.time is not None:
+        return _causes_of_motion(problem, at, state, truth, same, own_steps)
     if same is None:
         return {}, ""
-    try:
-        probe = farthest_probe(_where_free(problem, truth.displacement))
-    except InputError:
-        return {}, ""
-    scale = float(truth.displacement[probe.point] @ probe.direction)
-
-    def at(displacement: Points) -> float:
-        return float(displacement[probe.point] @ probe.direction) / scale
-
     own, follows = same.displacement, ""
     is_plain = state.element is Element.LINEAR and not entry.is_quadratic and not problem.tools
     if is_plain and distance(state.displacement, own) > NOT_A_LAW:
@@ -164,36 +170,29 @@ def _causes(
         if found is not None:
             follows, own = found
     return {
-        LAW: at(own) - at(same.displacement),
-        MESH: at(same.displacement) - at(truth.displacement),
-        SOLVER: at(state.displacement) - at(own),
+        LAW: at(own) - at(same),
+        MESH: at(same) - at(truth),
+        SOLVER: at(state) - at(own),
     }, follows
 
 
-def _where_free(problem: Problem, displacement: Points) -> Points:
-    """The displacement, with zero at fully fixed points, unless all points are fixed."""
-    free = np.ones(len(displacement), dtype=bool)
+def _is_free(problem: Problem) -> NDArray[np.bool_]:
+    """Whether a point is not fixed in all components, (num_points,)."""
+    free = np.ones(problem.mesh.num_points, dtype=bool)
     for support in problem.supports:
         if support.normal is None and all(support.components):
             free[support.points] = False
-    left = np.where(free[:, None], displacement, 0.0)
-    return left if left.any() else displacement
+    return free
 
 
 def _causes_of_motion(
-    problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
+    problem: Problem,
+    at: Callable[[State], float],
+    state: State,
+    truth: State,
+    same: State | None,
+    own_steps: OwnSteps | None,
 ) -> tuple[dict[str, float], str]:
-    """As `_causes`, for a motion, where and when the truth moves most."""
-    lengths = np.linalg.norm(truth.displacements, axis=2)
-    moment = np.unravel_index(int(lengths.argmax()), lengths.shape)
-    direction = truth.displacements[moment]
-    scale = float(direction @ direction)
-    if not scale > 0.0:
-        return {}, ""
-
-    def at(of: State) -> float:
-        return float(of.displacements[moment] @ direction) / scale
-
     stepped = own_steps.of(problem, state) if own_steps else None
     if same is None:  # the case has no steps: those of the simulator count as mesh
         if stepped is None:
@@ -214,9 +213,8 @@ def _law_apart(truth: Truth, of_case: Truth) -> float | None:
     """The distance between the truths of this law and of the case's own."""
     if truth.case.other_law is None or truth.references is None or of_case.references is None:
         return None
-    strain = truth.case.strain
+    problem, strain = truth.case.problem, truth.case.strain
     mine, asked = truth.references.truth(strain), of_case.references.truth(strain)
     if mine is None or asked is None:
         return None
-    metric = "displacement_l2" if truth.case.problem.time is None else "trajectory_l2"
-    return float(measure(metric, truth.case.problem, mine, asked).value)
+    return float(measure(_metric(problem), problem, mine, asked).value)

@@ -159,23 +159,17 @@ def minutes_of(board: Board) -> dict[str, float]:
     }
 
 
-def version_of_entry(entry: Peer, board: Board) -> str:
-    """The version that the simulator states in any run."""
-    versions = (score.run.says.get("version") for score in board.of_entry(entry))
-    return visible(str(next(filter(None, versions), "–")))
-
-
 def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
     """The summary of a simulator in one row."""
     scores = board.of_entry(entry)
     answered = [score for score in scores if score.run.status is Status.ANSWERED]
     verdicts = [score.verdict for score in scores if score.limit is not None]
-    distances = [s.distance for s in answered if s.distance is not None]
-    distances = [distance for distance in distances if math.isfinite(distance)]
+    distances = [d for s in answered if (d := s.distance) is not None and math.isfinite(d)]
     memories = [m for s in answered if (m := stated(s, "peak_memory_mb")) is not None]
+    versions = (score.run.says.get("version") for score in scores)
     return {
         "entry": entry,
-        "version": version_of_entry(entry, board),
+        "version": visible(str(next(filter(None, versions), "–"))),
         "answered": len(answered),
         "failed": sum(score.run.status is Status.FAILED for score in scores),
         "not_posed": sum(score.run.status is Status.NOT_POSED for score in scores),
@@ -293,20 +287,16 @@ def memory(value: float | None) -> str:
 
 def outcome(score: Score) -> str:
     """The text of a run's cell in the table."""
-    if score.run.status is Status.FAILED:
-        return "failed"
-    if score.run.status is not Status.ANSWERED:
-        return "–"
-    return percent(score.distance) if score.distance is not None else "no truth"
+    if score.run.status is Status.ANSWERED:
+        return percent(score.distance) if score.distance is not None else "no truth"
+    return "failed" if score.run.status is Status.FAILED else "–"
 
 
 def kind(score: Score) -> str:
     """The class of such a cell, which gives its colour."""
-    if score.run.status is Status.NOT_POSED or score.run.status is Status.MISSING:
+    if score.run.status in (Status.NOT_POSED, Status.MISSING):
         return "none"
-    if score.verdict is Verdict.SKIPPED:
-        return "open"
-    return score.verdict.value
+    return "open" if score.verdict is Verdict.SKIPPED else score.verdict.value
 
 
 def bar(value: float | None) -> str:

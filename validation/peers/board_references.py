@@ -113,7 +113,7 @@ def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
     """The stored references of a case; under another law cached ones, or new ones.
 
     Args:
-        case: The case under the law that is asked for.
+        case: The case under the law that is wanted.
         cache: Where such truths are stored.
         progress: Called with one line for each truth solved.
     """
@@ -129,22 +129,19 @@ def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
         return Truth(case, why=str(none[0].get("why")))
     found = _cached(cache, name, key)
     if found is not None:
-        seconds = found.provenance.get("seconds", 0.0)
-        is_number = isinstance(seconds, int | float)
-        why = str(found.provenance.get("why", ""))
-        return Truth(case, found, why, float(seconds) if is_number else 0.0)
-    begin = time.monotonic()
+        said = found.provenance
+        return Truth(case, found, str(said.get("why", "")), float(str(said.get("seconds", 0.0))))
+    begin, why = time.monotonic(), ""
     try:
         found = _solve_truth(case, limit, progress)
     except ReferenceUnavailableError as error:
         return Truth(case, why=str(error))
     except (ReferenceFailedError, InputError) as error:
-        cache.write(name, key, {"why": str(error)}, None)
-        return Truth(case, why=str(error))
-    why = ""
-    if found.truth(case.strain) is None:
-        why = "; ".join(found.failures.values()) or "the reference found no answer"
-    if why and found.same_mesh(case.strain) is None:
+        why = str(error)
+    if found is not None and found.truth(case.strain) is None:
+        why = "; ".join(found.failures.values()) or "the reference found no solution"
+        found = None if found.same_mesh(case.strain) is None else found
+    if found is None:
         cache.write(name, key, {"why": why}, None)
         return Truth(case, why=why)
     seconds = time.monotonic() - begin
@@ -211,22 +208,20 @@ class OwnSteps:
             if span.time_step is None:
                 return None
             steps = Steps(Integrator.CENTRAL_DIFFERENCES, span.time_step)
-        tried: list[tuple[float, str, State]] = []
-        for law in Law:
+        tried: dict[str, tuple[float, State]] = {}
+        for law in (each for each in Law if each is not problem.material.law):
             try:
                 other = with_law(problem, law)
             except InputError:
                 continue
-            if law is problem.material.law:
-                continue
             found = self._solve(other, result, steps, _WORK_OF_A_LAW)
             if found is not None:
-                left = distance(result.displacements, found.displacements)
-                tried.append((left, law.value, found))
+                tried[law.value] = distance(result.displacements, found.displacements), found
         if not tried:
             return None
-        left, name, found = min(tried, key=lambda one: one[0])
-        return (name, found) if left <= _EXPLAINS * apart else ("", stated)
+        best = min(tried, key=lambda name: tried[name][0])
+        left, found = tried[best]
+        return (best, found) if left <= _EXPLAINS * apart else ("", stated)
 
     def _solve(self, problem: Problem, result: State, steps: Steps, most: float) -> State | None:
         assert problem.time is not None

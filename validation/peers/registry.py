@@ -222,10 +222,10 @@ def read_peers(path: Path = FILE) -> tuple[Peer, ...]:
         rows = TypeAdapter(tuple[Peer, ...]).validate_python(given.get("peer", ()))
     except (UntrustedTextError, ValidationError) as error:
         raise FileFormatError(path, f"no table of simulators ({error})") from error
-    everybody = (*rows, *FASTSIM)
-    if len({peer.name for peer in everybody}) < len(everybody):
+    peers = (*rows, *FASTSIM)
+    if len({peer.name for peer in peers}) < len(peers):
         raise FileFormatError(path, "two simulators of one name")
-    return everybody
+    return peers
 
 
 def peers_on_board(names: Sequence[str] | None = None) -> tuple[Peer, ...]:
@@ -234,12 +234,12 @@ def peers_on_board(names: Sequence[str] | None = None) -> tuple[Peer, ...]:
     Raises:
         InputError: A name is unknown.
     """
-    everybody = tuple(peer for peer in read_peers() if peer.on_board)
-    known = {peer.name for peer in everybody}
+    peers = tuple(peer for peer in read_peers() if peer.on_board)
+    known = {peer.name for peer in peers}
     for name in names or ():
         if name not in known:
             raise InputError(f"no entry {name!r} on the scoreboard; there are {', '.join(known)}")
-    return tuple(peer for peer in everybody if not names or peer.name in names)
+    return tuple(peer for peer in peers if not names or peer.name in names)
 
 
 def tools_for(benchmark: str) -> tuple[Tool, ...]:

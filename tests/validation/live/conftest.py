@@ -58,85 +58,61 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageServer]:
         yield server
 
 
-_PLACES = (
-    "NaN", "Infinity", "-Infinity", "1e400", "1e300", "-1e8", '"1"', "null", "true", "[]", "{}",
-)  # fmt: skip
-_KINDS = ("tool", "grab", "pull", "pause", "colour", "record", "shown", "quit", "", "TOOL", "tool ")
-_VALUES: tuple[Any, ...] = (
-    None, -1, 2**63, 2**70, 1.5, "x", "1", [], [1], {}, [[1, 2, 3]], "\u2028",
-)  # fmt: skip
-_PROPER: tuple[dict[str, Any], ...] = (
+PROPER: tuple[dict[str, Any], ...] = (
     {"kind": "tool", "number": 3, "to": [1.5, -2, 0.0]},
     {"kind": "grab", "point": 12, "radius": 8.5},
     {"kind": "pull", "number": 4, "by": [0.0, -1.25, 3]},
+    {"kind": "let_go"},
+    {"kind": "withdraw"},
     {"kind": "pause", "on": True},
+    {"kind": "reset"},
     {"kind": "colour", "by": "stress"},
+    {"kind": "loads", "on": False},
     {"kind": "record", "on": True},
+    {"kind": "judge"},
     {"kind": "shown", "frame": 7},
 )
 
 
-def _wrong_place(chance: random.Random) -> str:
-    """NaN, infinite, huge, or of another type, at one of three coordinates."""
-    key, kind = chance.choice([("to", "tool"), ("by", "pull")])
-    place = [str(round(chance.uniform(-50.0, 50.0), 3)) for _ in range(3)]
-    place[chance.randrange(3)] = chance.choice(_PLACES)
-    number = chance.randrange(1000)
-    return f'{{"kind":"{kind}","number":{number},"{key}":[{",".join(place)}]}}'
+@pytest.fixture(params=PROPER, ids=lambda message: message["kind"])
+def proper(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Each message that the protocol has."""
+    message: dict[str, Any] = request.param
+    return message
 
 
-def _wrong_type(chance: random.Random) -> str:
-    message = dict(chance.choice(_PROPER))
-    key = chance.choice([key for key in message if key != "kind"])
-    message[key] = chance.choice(_VALUES)
-    return json.dumps({**message, "seed": chance.randrange(10**6)})
-
-
-def _cut(chance: random.Random) -> str:
-    text = json.dumps({**chance.choice(_PROPER), "number": chance.randrange(10**6)})
-    return text[: chance.randrange(len(text))]
-
-
-def _other_kind(chance: random.Random) -> str:
-    return json.dumps({"kind": chance.choice(_KINDS), "more": chance.randrange(10**6)})
-
-
-def _noise(chance: random.Random) -> str:
-    return "".join(chance.choices(string.printable + "é\u2028\x00", k=chance.randrange(1, 400)))
-
-
-def _deep(chance: random.Random) -> str:
-    return chance.choice("[{") * chance.randrange(1, 2000)
-
-
-def _cut_frame(chance: random.Random) -> bytes:
-    """The head of a frame, which only the server sends, and less than it promises."""
-    head = json.dumps({"frame": chance.randrange(2**31), "panes": [{}]}).encode()
-    data = struct.pack("<I", chance.choice([len(head), 2**32 - 1, 0])) + head
-    return data[: chance.randrange(1, len(data))]
-
-
-def _bytes(chance: random.Random) -> bytes:
-    return chance.randbytes(chance.randrange(0, 300))
-
-
-def _proper_as_bytes(chance: random.Random) -> bytes:
-    return json.dumps({**chance.choice(_PROPER), "frame": chance.randrange(10**6)}).encode()
-
-
-_MAKERS = (
-    _wrong_place, _wrong_type, _cut, _other_kind, _noise, _deep, _cut_frame, _bytes,
-    _proper_as_bytes,
+# Not allowed for any key of any of them.
+_VALUES: tuple[Any, ...] = (
+    None, -1, 2**63, 1e300, float("nan"), float("inf"), "x", "1", [], [1], [0, 0], [0, 0, "1"],
+    [0, 0, 1e300], [0, 0, float("nan")], [0, float("-inf"), 0], [0, None, 0], {}, [[1, 2, 3]],
+    "tool ", "TOOL", "quit", ["tool"],
 )  # fmt: skip
 
 
-def _malformed(count: int, seed: int = 20) -> list[str | bytes]:
-    """So many, all different, of every kind in turn."""
-    chance = random.Random(seed)
-    made: dict[str | bytes, None] = {}
+def _malformed(count: int) -> list[str | bytes]:
+    """So many, all different: wrong values and keys, parts of messages and of frames, noise."""
+    texts = [json.dumps(message) for message in PROPER]
+    made: list[str | bytes] = [
+        json.dumps({**message, key: value})
+        for message in PROPER
+        for key in message
+        for value in _VALUES
+    ]
+    made += [json.dumps({**message, "more": 1}) for message in PROPER]
+    made += [json.dumps(other) for other in (None, 1, True, "tool", [], {}, {"kind": "tool"})]
+    made += ['{"kind":"tool","number":true,"to":[0,0,0]}', '{"kind":"pause","on":1}']
+    made += ['{"kind":"shown","frame":2.5}', '{"kind":"grab","point":1,"radius":0.0}']
+    made += ["NaN", "[" * 2000, "{" * 1000, texts[0] + "\x00", "1e400"]
+    made += [text[:end] for text in texts for end in range(len(text))]
+    # A frame, which only the server sends, with less than its head promises; messages as bytes.
+    head = json.dumps({"frame": 7, "panes": [{}]}).encode()
+    made += [struct.pack("<I", n) + head[:n] for n in (0, 1, len(head), 2**32 - 1)]
+    made += [text.encode() for text in texts]
+    made, chance = list(dict.fromkeys(made)), random.Random(20)
     while len(made) < count:
-        made[_MAKERS[len(made) % len(_MAKERS)](chance)] = None
-    return list(made)
+        made.append("".join(chance.choices(string.printable + "é\u2028\x00", k=60)))
+        made.append(chance.randbytes(chance.randrange(1, 300)))
+    return made
 
 
 @pytest.fixture(scope="session")

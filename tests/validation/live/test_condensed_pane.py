@@ -15,7 +15,7 @@ from palpate.validation.case import load_case
 from palpate.validation.live.bench_touch import connected
 from palpate.validation.live.live_case import Touch, live_case
 from palpate.validation.live.panes import ExplicitPane, Surface, condensed_words, make_panes
-from palpate.validation.live.recording import take_hold
+from palpate.validation.live.recording import make_grip
 from palpate.validation.live.server import PageServer
 
 Serving = Callable[..., AbstractContextManager[PageServer]]
@@ -31,9 +31,9 @@ def test_it_is_where_the_linear_pane_comes_to_rest(element: Element) -> None:
     assert isinstance(green, ExplicitPane)
     position = 1e-3 * (live.start - [5.0, 1.0, 0.0])
     anchor = 1e-3 * np.array([1.0, -2.0, 1.5])
-    spring = take_hold(live, green, 3, 0.014, largest_way=1.0, digits=6).spring
+    spring = make_grip(live, green, 3, 0.014, largest_way=1.0, digits=6).spring
     for pane in (linear, condensed):
-        pane.hold(spring)
+        pane.attach(spring)
         for _ in range(400):
             pane.advance(position, anchor, live.clock.steps)
     linear.mean_force()
@@ -69,7 +69,7 @@ def test_the_page_has_it_without_the_cases_loads(serving: Serving) -> None:
         assert forces[2] == pytest.approx(forces[0], rel=0.02)
         client.say("loads", on=True)
         note = client.until(lambda heard: heard.get("kind") == "note")
-        assert "the hand alone" in note["text"]
+        assert "tool and spring alone" in note["text"]
         after = client.until_time(1.9)["panes"][2]["force"]
         assert after[0] == pytest.approx(forces[2])
 

@@ -1,4 +1,4 @@
-"""What the page is told of a pose: each answer once it is there, and the truth for so long only."""
+"""What the page says of a pose: each verdict once it is there, and the truth for so long only."""
 
 from __future__ import annotations
 
@@ -20,16 +20,18 @@ from palpate.validation.live.live_case import Touch, live_case
 from palpate.validation.live.panes import BetweenVertices
 from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 
-# Answers on the same mesh, then does what stands in LATER.
+# Verdicts on the same mesh, then does what stands in LATER.
 STUB = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from palpate.validation.live.verdict import SAME_MESH, TRUTH, PoseVerdict, say
+from palpate.validation.live.verdict import SAME_MESH, TRUTH, PaneVerdict, say
 case, pose = map(Path, sys.argv[1:])
-told = [{"name": "Green strain", "verdict": "passed", "checks": ["displacement_l2 passed"]}] * 2
-answer = PoseVerdict(told, np.array([[0.0, 1e-3], [np.nan, np.nan]]))
-say(case, SAME_MESH, answer, np.array([0, 1]))
+panes = [
+    PaneVerdict("Green strain", "passed", ["displacement_l2 passed"], np.array(error))
+    for error in ([0.0, 1e-3], [np.nan, np.nan])
+]
+say(case, SAME_MESH, panes, np.array([0, 1]))
 """
 
 
@@ -77,7 +79,7 @@ def test_a_truth_that_there_is_none_of_is_said_with_its_reason(
 
 
 def test_both_answers_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, last = judged("say(case, TRUTH, answer, np.array([0, 1]))", tmp_path, monkeypatch)
+    first, last = judged("say(case, TRUTH, panes, np.array([0, 1]))", tmp_path, monkeypatch)
     assert (first["against"], first["more"]) == ("same mesh", True)
     assert (last["against"], last["more"]) == ("truth", False)
 
@@ -115,8 +117,8 @@ def test_two_meshes_that_tell_no_rate_have_the_bar_of_one(
         for label, part in ((SAME_MESH, 0.75), (TRUTH, 1.0))
     }
     bars = {("displacement_l2", Strain.GREEN): math.inf, ("volume", Strain.GREEN): 0.03}
-    told = {"adaptive": {"green": {"cells": cells, "ended": ended}}}
-    found = verdict.with_bars_of_two(problem, ReferenceSet(states, bars, "", {}, told))
+    record = {"adaptive": {"green": {"cells": cells, "ended": ended}}}
+    found = verdict.with_bars_of_two(problem, ReferenceSet(states, bars, "", {}, record))
     assert found.bars["displacement_l2", Strain.GREEN] == pytest.approx(bar)
     # What the meshes do tell stays.
     assert found.bars["volume", Strain.GREEN] == 0.03

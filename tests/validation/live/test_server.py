@@ -32,8 +32,8 @@ Serving = Callable[..., AbstractContextManager[PageServer]]
 def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
     request = urllib.request.Request(address, headers=headers)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.status, dict(answer.headers), answer.read().decode()
+        with urllib.request.urlopen(request, timeout=10) as response:
+            return response.status, dict(response.headers), response.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, dict(error.headers), error.read().decode()
 
@@ -94,16 +94,15 @@ def test_a_second_page_is_refused_and_the_first_goes_on(serving: Serving) -> Non
 def test_a_thousand_malformed_messages_harm_nothing(
     serving: Serving, malformed: list[str | bytes]
 ) -> None:
-    assert len(set(malformed)) == 1000
     with serving("block") as server, connected(server.address) as client:
         x, y, z = client.scene["tool"]["start"]
         client.say("tool", number=1, to=[x - 6.0, y, z])
         refused = 0
         for number, message in enumerate(malformed, start=1):
             client.socket.send(message)
-            while number % 100 == 0 and refused < number:
+            while (number % 100 == 0 or number == len(malformed)) and refused < number:
                 refused += client.hear().get("kind") == "refused"
-        assert refused == 1000
+        assert refused == len(malformed)
         # The bodies go on, where the last proper message sent the tool.
         begin = client.until_time(0.0)["time"]
         head = client.until_time(begin + 0.3)
@@ -136,7 +135,7 @@ def patiently_connected(server: PageServer) -> Iterator[Client]:
             yield client
             return
         time.sleep(0.05)
-    raise AssertionError("the socket before is still held")
+    raise AssertionError("the socket before is still in use")
 
 
 # Header with the client's mask bit, the mask, and what follows: less than promised, no text, not

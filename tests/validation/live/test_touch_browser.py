@@ -1,4 +1,4 @@
-"""The live page in a browser without network, driven by a synthetic hand."""
+"""The live page in a browser without network, driven by a synthetic pointer."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ import sys
 from pathlib import Path
 import numpy as np
 from palpate.validation.case import load_case
-from palpate.validation.live.verdict import SAME_MESH, PoseVerdict, say
+from palpate.validation.live.verdict import SAME_MESH, PaneVerdict, say
 case, pose = map(Path, sys.argv[1:])
 given = np.load(pose)
 print("solving", flush=True)
 length = np.linalg.norm(given["displacement"], axis=2)
-told = [{"name": str(n), "verdict": v, "checks": ["displacement_l2 " + v]}
-        for n, v in zip(given["names"], ["failed", "passed"])]
+panes = [PaneVerdict(str(n), v, ["displacement_l2 " + v], error)
+         for n, v, error in zip(given["names"], ["failed", "passed"], length)]
 used = np.unique(load_case(case).problem.mesh.boundary_facets)
-say(case, SAME_MESH, PoseVerdict(told, length), used)
+say(case, SAME_MESH, panes, used)
 sys.exit("a cell would invert")
 """
 
@@ -47,7 +47,7 @@ def wait(browser: Any, script: str, seconds: float = 30.0) -> Any:
 
 
 def forces(browser: Any) -> np.ndarray:
-    """On the hand in the last frame that was drawn [N], a row for each pane."""
+    """On the tool in the last frame that was drawn [N], a row for each pane."""
     return np.array(json.loads(browser.execute_script("return document.body.dataset.forces")))
 
 
@@ -111,11 +111,11 @@ def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -
     dragged(browser, -120, 0)
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
     assert np.abs(picture(browser) - whole).mean() > 1e-3
-    held = page.simulation.hand.position.copy()
+    before = page.simulation.pointer.position.copy()
     browser.find_element("css selector", ".stage canvas").send_keys(Keys.ARROW_RIGHT * 3)
     browser.find_element("id", "withdraw").click()
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
-    assert page.simulation.hand.position[0] > held[0]
+    assert page.simulation.pointer.position[0] > before[0]
     # Taken hold of in the middle and drawn to the right, the bodies pull back to the left.
     browser.execute_script("document.getElementById('keep').checked = true")
     browser.find_element("id", "mode-drag").click()
@@ -155,13 +155,13 @@ def test_all_that_is_promised_is_shown(browser: Any) -> None:
         ".map((n) => [n.firstElementChild ? n.firstElementChild.textContent : n.textContent,"
         "n.nextElementSibling?.matches('dd') ? n.nextElementSibling.textContent : n.textContent])"
     )
-    told = dict(rows)
-    assert list(told) == [
+    numbers = dict(rows)
+    assert list(numbers) == [
         "force [N]", "Δ volume [%]", "energy [mJ]", "smallest det F", "real-time factor",
         "time of the bodies", "time step", "frames per second", "latency, pointer to picture",
         "of it the server's",
     ]  # fmt: skip
-    assert all(any(letter.isdigit() for letter in rest) for rest in told.values())
+    assert all(any(letter.isdigit() for letter in rest) for rest in numbers.values())
     inked = browser.execute_script(
         "const c = document.getElementById('chart');"
         "return new Set(c.getContext('2d').getImageData(0, 0, c.width, c.height).data).size"

@@ -1,4 +1,4 @@
-"""Bodies under the hand: the right way, with the force of statics, and repeated bit for bit."""
+"""Bodies under a tool: the right way, with the force of statics, and repeated bit for bit."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.live.bench_touch import Client, connected
-from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import Touch, live_case, problem_of
 from palpate.validation.live.panes import ExplicitPane, Surface
+from palpate.validation.live.pointer import Pointer
 from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
 from palpate.validation.solving import solve
@@ -101,22 +101,22 @@ def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving: Serving) -> N
 
 
 @pytest.mark.parametrize("radius", [8.9, 13.0], ids=["slips", "crushes"])
-def test_a_tool_that_is_driven_through_the_body_is_held_back(radius: float) -> None:
+def test_a_tool_that_is_driven_through_the_body_is_retreating(radius: float) -> None:
     """A ball towards the clamp: a small one parts the vertices, a large one inverts cells."""
     ball = {"shape": "sphere", "radius": radius}
     live = live_case(load_case("block"), Touch(ball, mass_damping=100.0), (Element.LINEAR,))
     pane = ExplicitPane(live.problem, Surface(live.problem), Strain.GREEN, Element.LINEAR)
-    hand = Hand(live.start, live.outwards, 40.0 * live.clock.tick, digits=6)
-    hand.send(live.start - 30.0 * live.outwards)
-    held = 0
+    pointer = Pointer(live.start, live.outwards, 40.0 * live.clock.tick, digits=6)
+    pointer.send(live.start - 30.0 * live.outwards)
+    retreats = 0
     for _ in range(150):
-        position = hand.next_position(pane.room)
-        held += hand.is_held_back
+        position = pointer.next_position(pane.room)
+        retreats += pointer.is_retreating
         pane.advance(position * 1e-3, None, live.clock.steps)
         assert not pane.trouble
-    assert held
+    assert retreats
     assert pane.smallest_det_f > 0.2
-    assert hand.position[0] > 40.0
+    assert pointer.position[0] > 40.0
     assert pane.mean_force()[0] > 0.0
 
 
@@ -212,23 +212,21 @@ def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
     span = case.problem.time
     assert span is not None
     tool, (grip,) = case.spec.tool[0], simulation.recorded_grips
-    clock = simulation.live.clock
+    live, each = simulation.live, simulation.live.clock.steps
     for pane in simulation.panes:
         whole = simulate(case.problem, strain=pane.strain, element=pane.element)
         pane.reset()
-        each = simulation.live.clock.steps
         assert whole.num_steps == each * (len(tool.pose) - 1)
         forces = []
         for number, pose in enumerate(tool.pose[1:]):
             step, anchor = number * each, None
             if step == grip.begin:
-                pane.hold(grip.spring)
+                pane.attach(grip.spring)
             if grip.end is not None and step == grip.end:
-                pane.let_go()
+                pane.release()
             if grip.begin <= step < (grip.end or 10**9):
-                x, y, z = grip.positions[(step - grip.begin) // clock.steps]
-                anchor = np.array(case.spec.units.lengths((x, y, z)))
-            pane.advance(np.array(case.spec.units.lengths(pose.position)), anchor, each)
+                anchor = live.metres(grip.positions[(step - grip.begin) // each])
+            pane.advance(live.metres(np.array(pose.position)), anchor, each)
             if (number + 1) * each % (whole.num_steps // span.num_outputs) == 0:
                 forces.append(pane.mean_force())
         assert not pane.trouble

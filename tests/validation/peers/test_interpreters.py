@@ -74,7 +74,7 @@ def test_a_rival_of_another_environment_is_timed(monkeypatch: pytest.MonkeyPatch
     ball = shape_sphere(edge_length=0.4)
     monkeypatch.setattr(mesh, "make_surface", lambda _kind, _size: ball)
     for bench, name, size, cells in (
-        (delaunay, "TetGen (Python)", 300, 7),
+        (delaunay, "TetGen", 300, 7),
         (mesh, "TetGen pq1.2Y", 2_000, ball.num_facets),
     ):
         tools = tuple(tool for tool in bench.TOOLS if tool.name == name)

@@ -19,7 +19,8 @@ job. A file with `Static` or `Motion` solves case folders too: `python ADAPTER.p
 [NAME=VALUE ...]`; the named values go to the job.
 
 Only ours.py imports anything of palpate, so that an adapter runs in the interpreter that has its
-tool; what several of them need is in harness.py and nodes.py beside them. `numpy_dense.py` needs
-neither: copy that one for a simulator of your own. A new adapter is a file here and a row of
-`peers/registry.toml`.
+tool; what several of them need is in harness.py and nodes.py beside them: a tool that only makes
+time steps derives from `harness.Stepped`, which brings it to rest or through a motion.
+`numpy_dense.py` needs neither: copy that one for a simulator of your own. A new adapter is a file
+here and a row of `peers/registry.toml`.
 """

@@ -63,15 +63,15 @@ class _Body:
         self.residual_form = fem.form(self.residual, **_JIT)
         # dolfinx renumbers points: this gives its number for each of ours.
         self.coordinates = V.tabulate_dof_coordinates()
-        self.place = np.empty(len(points), np.int64)
-        self.place[_order(points)] = _order(self.coordinates)
-        assert np.abs(self.coordinates[self.place] - points).max() < 1e-8
+        self.order = np.empty(len(points), np.int64)
+        self.order[_order(points)] = _order(self.coordinates)
+        assert np.abs(self.coordinates[self.order] - points).max() < 1e-8
         self.load = self.renumbered(job["external_force"])
 
     def renumbered(self, rows: Any) -> Any:
         """Rows for our points as rows for dolfinx's."""
         moved = np.empty_like(rows)
-        moved[self.place] = rows
+        moved[self.order] = rows
         return moved
 
 
@@ -90,7 +90,7 @@ class Steps(_Body):
         self._vector = fem.assemble_vector(self.residual_form)
         self._increment = np.zeros_like(self._array)
         self._array[:] = self.renumbered(job["test_displacement"])
-        self.result = {"force": self._internal()[self.place]}
+        self.result = {"force": self._internal()[self.order]}
         self._array[:] = 0.0
 
     def _internal(self) -> Any:
@@ -178,7 +178,7 @@ class Static(_Body):
             linear_iterations += ksp.getIterationNumber()
         for thing in (ksp, matrix, right, step):
             thing.destroy()
-        self.result = {"displacement": self.u.x.array.reshape(-1, 3)[self.place]}
+        self.result = {"displacement": self.u.x.array.reshape(-1, 3)[self.order]}
         return {
             "newton_iterations": iterations,
             "linear_iterations": linear_iterations,

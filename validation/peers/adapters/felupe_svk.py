@@ -12,7 +12,7 @@ from typing import Any
 
 import felupe
 import numpy as np
-from harness import lame, solve_case
+from harness import lame, load_parts, solve_case
 from nodes import Points, nodes_of
 
 try:
@@ -43,9 +43,7 @@ class Static:
         if self._body["points"].size > LARGEST:
             raise ValueError(f"direct factors of more than {LARGEST} unknowns take gigabytes")
         self._job = job
-        is_linear = str(job["strain"]) == "linear"
-        self._num_parts = 1 if is_linear else int(job.get("load_parts", 4))
-        if is_linear:
+        if str(job["strain"]) == "linear":
             E, nu = job["youngs_modulus"][0], job["poissons_ratio"][0]
             self._law = felupe.LinearElastic(E=E, nu=nu)
             return
@@ -67,7 +65,7 @@ class Static:
         solid = felupe.SolidBody(self._law, field)
         solve = getattr(felupe, "newtonraphson", None) or felupe.newtonrhapson
         num_iterations = 0
-        for part in np.linspace(1.0 / self._num_parts, 1.0, self._num_parts):
+        for part in load_parts(job):
             load = felupe.PointLoad(
                 field, np.arange(len(body["points"])), values=part * body["external_force"]
             )

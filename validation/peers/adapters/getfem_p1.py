@@ -9,8 +9,9 @@ from typing import Any
 
 import getfem as gf
 import numpy as np
-from harness import lame, solve_case
+from harness import force_scale, lame, load_parts, solve_case
 
+TOLERANCE = 1e-10
 # GetFEM's names of laws.
 _LAWS = {
     "saint-venant-kirchhoff": "SaintVenant Kirchhoff",
@@ -52,8 +53,7 @@ class Static:
         model = gf.Model("real")
         model.add_fem_variable("u", self._fem)
         lmbda, mu = lame(job)
-        is_linear = str(job["strain"]) == "linear"
-        if is_linear:
+        if str(job["strain"]) == "linear":
             model.add_initialized_data("lmbda", lmbda)
             model.add_initialized_data("mu", mu)
             model.add_isotropic_linearized_elasticity_brick(self._integration, "u", "lmbda", "mu")
@@ -67,19 +67,18 @@ class Static:
         for row, dof in enumerate(order.ravel()[fixed]):
             choose.add(row, int(dof), 1.0)
         model.add_variable("reaction", len(fixed))
-        places = job["prescribed_displacement"].ravel()[fixed]
-        holding = model.add_constraint_with_multipliers("u", "reaction", choose, 0.0 * places)
+        moved = job["prescribed_displacement"].ravel()[fixed]
+        supports = model.add_constraint_with_multipliers("u", "reaction", choose, 0.0 * moved)
         force = np.zeros(count)
-        pushing = model.add_explicit_rhs("u", force)
-        parts = (1.0,) if is_linear else (0.25, 0.5, 0.75, 1.0)
+        loads = model.add_explicit_rhs("u", force)
         iterations = 0
-        for part in parts:
+        for part in load_parts(job):
             force[order] = part * job["external_force"]
-            model.set_private_rhs(pushing, force)
-            model.set_private_rhs(holding, part * places)
+            model.set_private_rhs(loads, force)
+            model.set_private_rhs(supports, part * moved)
             # Full steps: a line search ends far from equilibrium where a body rotates.
             count, has_converged = model.solve(
-                "max_res", self._tolerance(force), "max_iter", 50, "lsearch", "basic",
+                "max_res", TOLERANCE * part * force_scale(job), "max_iter", 50, "lsearch", "basic",
                 "alpha min", 1.0, "alpha max ratio", 1e15, "diverged_res", 1e30,
             )  # fmt: skip
             iterations += int(count)
@@ -87,14 +86,6 @@ class Static:
                 raise SystemExit(f"no equilibrium at {part:g} of the load")
         self.result = {"displacement": np.array(model.variable("u"))[order]}
         return {"method": "Newton, MUMPS", "newton_iterations": iterations}
-
-    def _tolerance(self, force: Any) -> float:
-        """The residual's tolerance [N], from the force or else from what a moved support needs."""
-        moved = float(np.abs(self._job["prescribed_displacement"]).max())
-        size = float(np.ptp(self._job["points"], axis=0).max())
-        return 1e-10 * (
-            float(np.linalg.norm(force)) or self._job["youngs_modulus"][0] * moved * size
-        )
 
 
 if __name__ == "__main__":

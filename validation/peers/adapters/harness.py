@@ -15,8 +15,9 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -27,6 +28,8 @@ _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
 _COMMON = "saint-venant-kirchhoff"
 # A factor on stable steps for a stiffness that grows: Green strain stiffens under stretch.
 SAFETY = 0.6
+# Steps to rest in which supports are moved to their positions.
+RISE = 2000
 
 
 def solve_case(statics: Any, motion: Any = None) -> None:
@@ -182,17 +185,19 @@ def lame(job: dict[str, Any]) -> tuple[float, float]:
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 
 
-def rest_shape(job: dict[str, Any]) -> tuple[Any, Any]:
-    """Gradients of shape functions 1, 2, 3 as rows [1/m], (num_cells, 3, 3), and volumes [m3]."""
+def all_gradients(job: dict[str, Any]) -> tuple[Any, Any]:
+    """Gradients of the four shape functions [1/m], (num_cells, 4, 3), and volumes [m3]."""
     points, cells = job["points"], job["cells"]
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    return np.linalg.inv(edges).transpose(0, 2, 1), np.linalg.det(edges) / 6.0
+    inner = np.linalg.inv(edges).transpose(0, 2, 1)
+    gradients = np.concatenate([-inner.sum(axis=1)[:, None], inner], axis=1)
+    return gradients, np.linalg.det(edges) / 6.0
 
 
-def all_gradients(job: dict[str, Any]) -> tuple[Any, Any]:
-    """Gradients of all four shape functions [1/m], (num_cells, 4, 3), and volumes [m3]."""
-    inner, volumes = rest_shape(job)
-    return np.concatenate([-inner.sum(axis=1)[:, None], inner], axis=1), volumes
+def load_parts(job: dict[str, Any], count: int = 4) -> list[float]:
+    """Fractions of the load, which Newton's method does not bear at once where strain is finite."""
+    parts = 1 if str(job["strain"]) == "linear" else int(job.get("load_parts", count))
+    return [(k + 1) / parts for k in range(parts)]
 
 
 def require_fixed_points(job: dict[str, Any]) -> None:
@@ -280,31 +285,78 @@ def relax(
     return most, residual
 
 
-def relax_with_rise(
-    step: Callable[[float], None], moved: Any, rise: int, velocity: Callable[[], Any], inertia: Any,
-    force: float, tolerance: float, most: int, out_of_balance: Callable[[], Any] | None = None,
-) -> tuple[int, float]:  # fmt: skip
-    """Bring moved supports to their positions within `rise` steps, then step to rest.
+class Stepped:
+    """A tool that only makes time steps: it is stepped to rest, or from output to output.
 
-    Args:
-        step: Takes one step, with a fraction of the supports' displacement.
-        moved: That displacement [m].
-        rise: Number of steps in which it is applied; none where nothing is moved.
-        velocity: See `relax`.
-        inertia: See `relax`.
-        force: See `relax`.
-        tolerance: See `relax`.
-        most: See `relax`.
-        out_of_balance: See `relax`.
+    Attributes:
+        tolerance: Relative residual that is stepped to.
+        enough: The largest one that is accepted after `most_steps`.
+        most_steps: Largest number of steps to rest.
+        integrator: Name of its scheme, for motions.
+        remark: Ends the description of the method.
+        about: Further columns of the result.
+        out_of_balance: Returns the residual forces [N]; see `relax`.
+        time_step: Length of a step [s].
+        inertia: Mass over time step for each entry of the velocity [kg/s].
     """
-    rise = rise if moved.any() else 0
-    fractions = iter(np.linspace(0.0, 1.0, rise) if rise else ())
 
-    def stepped() -> None:
-        step(next(fractions, 1.0))
+    job: dict[str, Any]
+    tolerance, enough, most_steps = 1e-7, 1e-6, 200_000
+    integrator, remark = "semi-implicit-euler", ""
+    about: Mapping[str, Any] = MappingProxyType({})
+    out_of_balance: Callable[[], Any] | None = None
+    time_step: float
+    inertia: Any
 
-    relax(stepped, velocity, inertia, force, -1.0, rise, out_of_balance)
-    return relax(stepped, velocity, inertia, force, tolerance, most, out_of_balance)
+    def step(self, part: float = 1.0) -> None:
+        """Take a step, with supports at this fraction of their displacement."""
+        raise NotImplementedError
+
+    def velocity(self) -> Any:
+        """The array of velocities, which may be written to [m/s]."""
+        raise NotImplementedError
+
+    def displacement(self) -> Any:
+        """Displacement of the points [m], (num_points, 3), a new array."""
+        raise NotImplementedError
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """From the start to rest, or to the end of the motion."""
+        says = self._move() if "output_times" in self.job else self._come_to_rest()
+        return {**says, "time_step": self.time_step, **self.about}
+
+    def _come_to_rest(self) -> dict[str, Any]:
+        rise = RISE if self.job["prescribed_displacement"].any() else 0
+        fractions = iter(np.linspace(0.0, 1.0, rise))
+
+        def relaxed(tolerance: float, most: int) -> tuple[int, float]:
+            return relax(
+                lambda: self.step(next(fractions, 1.0)), self.velocity, self.inertia,
+                force_scale(self.job), tolerance, most, self.out_of_balance,
+            )  # fmt: skip
+
+        relaxed(-1.0, rise)
+        count, residual = relaxed(self.tolerance, self.most_steps)
+        require_rest(residual, self.enough)
+        self.result = {"displacement": self.displacement()}
+        method = f"time steps to rest by kinetic damping, {count} steps{self.remark}"
+        return {"method": method, "relative_residual": residual}
+
+    def _move(self) -> dict[str, Any]:
+        """Whole steps between outputs, which are evenly spaced."""
+        times = self.job["output_times"]
+        interval = float(times[1] - times[0])
+        count = int(np.ceil(interval / self.time_step))
+        self.time_step = interval / count
+        states = [self.displacement()]
+        for _ in times[1:]:
+            for _ in range(count):
+                self.step()
+            states.append(self.displacement())
+            if not np.isfinite(states[-1]).all():
+                raise SystemExit(f"the motion blew up before output {len(states) - 1}")
+        self.result = {"displacement": np.array(states), "times": times}
+        return {"method": f"its own steps{self.remark}", "integrator": self.integrator}
 
 
 def require_rest(residual: float, tolerance: float) -> None:
@@ -314,32 +366,6 @@ def require_rest(residual: float, tolerance: float) -> None:
             f"not at rest at its last step: {residual:.2g} of the load out of balance, which is "
             f"above {tolerance:g}"
         )
-
-
-def march(
-    step: Callable[[float], None], read: Callable[[], Any], times: Any, largest: float
-) -> tuple[Any, float]:
-    """Step through output times, with whole steps between them.
-
-    Args:
-        step: Takes one step of this length [s].
-        read: Returns the present displacement [m], (num_points, 3).
-        times: Output times from the start, evenly spaced [s], (num_times,).
-        largest: Largest step that is allowed [s].
-
-    Returns:
-        Displacement at each of the times, and the step.
-    """
-    interval = float(times[1] - times[0])
-    count = int(np.ceil(interval / largest))
-    states = [np.array(read())]
-    for _ in times[1:]:
-        for _ in range(count):
-            step(interval / count)
-        states.append(np.array(read()))
-        if not np.isfinite(states[-1]).all():
-            raise SystemExit(f"the motion blew up before output {len(states) - 1}")
-    return np.array(states), interval / count
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 import KratosMultiphysics as Kratos
 import KratosMultiphysics.StructuralMechanicsApplication as Structural
 import numpy as np
-from harness import solve_case
+from harness import load_parts, solve_case
 from KratosMultiphysics import python_linear_solver_factory as solvers
 
 try:
@@ -33,7 +33,6 @@ class Static:
     def __init__(self, job: dict[str, Any]) -> None:
         Kratos.Logger.GetDefaultOutput().SetSeverity(Kratos.Logger.Severity.WARNING)
         self._job = job
-        self._is_linear = str(job["strain"]) == "linear"
         self._model = Kratos.Model()
         part = self._part = self._model.CreateModelPart("body")
         part.ProcessInfo[Kratos.DOMAIN_SIZE] = 3
@@ -46,9 +45,10 @@ class Static:
         # Hooke's law between the strain and stress of the element: in a total Lagrangian element
         # these are Green's strain and the second Piola-Kirchhoff stress.
         tissue.SetValue(Kratos.CONSTITUTIVE_LAW, Structural.LinearElastic3DLaw())
-        kind = "SmallDisplacementElement3D4N" if self._is_linear else "TotalLagrangianElement3D4N"
-        for index, place in enumerate(job["points"].tolist(), 1):
-            part.CreateNewNode(index, *place)
+        is_linear = str(job["strain"]) == "linear"
+        kind = "SmallDisplacementElement3D4N" if is_linear else "TotalLagrangianElement3D4N"
+        for index, position in enumerate(job["points"].tolist(), 1):
+            part.CreateNewNode(index, *position)
         for index, cell in enumerate((job["cells"] + 1).tolist(), 1):
             part.CreateNewElement(kind, index, cell, tissue)
         self._pushed = np.flatnonzero(job["external_force"].any(axis=1)).tolist()
@@ -78,7 +78,7 @@ class Static:
         strategy.SetEchoLevel(0)
         fixed = np.argwhere(job["fixed"]).tolist()
         iterations = 0
-        for fraction in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
+        for fraction in load_parts(job):
             part.CloneTimeStep(fraction)
             for point, axis in fixed:
                 node = part.GetNode(point + 1)

@@ -19,19 +19,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from harness import (
-    force_scale,
-    gravity_of,
-    march,
-    relax_with_rise,
-    require_rest,
-    solve_case,
-    stable_step,
-)
+from harness import Stepped, gravity_of, solve_case, stable_step
 
 LARGEST = 100_000  # cells; with more, compiling the model does not end
-TOLERANCE, ENOUGH, MOST_STEPS = 1e-7, 1e-6, 200_000
-RISE = 2000  # steps in which supports are moved to their positions
 
 
 class Flex:
@@ -125,78 +115,45 @@ class Steps(Flex):
         return {"device": self._device}
 
 
-class Loaded(Flex):
+class Loaded(Flex, Stepped):  # type: ignore[misc]
     """A flex with forces on its free points, and with fixed components among them."""
-
-    def __init__(self, job: dict[str, Any]) -> None:
-        if str(job["strain"]) == "linear":
-            raise ValueError("a flex knows Green strain only")
-        self.mass = np.full(len(job["points"]), job["lumped_mass"].mean())
-        # Undamped motions take half of the stable step, for a law that stiffens.
-        beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, self.mass)
-        super().__init__(job, 0.5 * (np.hypot(longest, beta) - beta), np.zeros(3))
-        self.fixed = job["fixed"][self.free].ravel() == 1
-        applied = job["external_force"][self.free].ravel()
-        self.data.qfrc_applied[:] = np.where(self.fixed, 0.0, applied)
-
-    def step(self, positions: Any = 0.0) -> None:
-        """Take one step; components that are fixed, but not pinned, are put back."""
-        mujoco.mj_step(self.model, self.data)
-        self.data.qpos[self.fixed] = positions
-        self.data.qvel[self.fixed] = 0.0
-
-
-class Static(Loaded):
-    """A flex that is stepped until it rests, its mass spread evenly over its points."""
-
-    def __init__(self, job: dict[str, Any]) -> None:
-        super().__init__(job)
-        self._moved = job["prescribed_displacement"][self.free].ravel()
-        self._scale = force_scale(job)
-
-    def advance(self, _num_steps: int) -> dict[str, Any]:
-        """From the undeformed body to rest."""
-        num_steps, residual = relax_with_rise(
-            lambda part: self.step(part * self._moved[self.fixed]), self._moved, RISE,
-            lambda: self.data.qvel, self.mass[0] / self.model.opt.timestep, self._scale,
-            TOLERANCE, MOST_STEPS,
-        )  # fmt: skip
-        require_rest(residual, ENOUGH)
-        self.result = {"displacement": self.at_points(self.data.qpos, 0.0)}
-        return {
-            "method": f"time steps to rest by kinetic damping, {num_steps} steps",
-            "relative_residual": residual,
-            "time_step": self.model.opt.timestep,
-        }
-
-
-class Motion(Loaded):
-    """A flex that is stepped from output to output."""
 
     takes = ("stiffness damping",)
 
     def __init__(self, job: dict[str, Any]) -> None:
-        super().__init__(job)
-        self.model.dof_damping[:] = job["mass_damping"] * self.mass[0]
+        if str(job["strain"]) == "linear":
+            raise ValueError("a flex knows Green strain only")
+        self.job = job
+        mass = np.full(len(job["points"]), job["lumped_mass"].mean())
+        # Undamped motions take half of the stable step, for a law that stiffens.
+        beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, mass)
+        self.time_step = 0.5 * (np.hypot(longest, beta) - beta)
+        super().__init__(job, self.time_step, np.zeros(3))
+        self.inertia = mass[0] / self.time_step
+        self._fixed = job["fixed"][self.free].ravel() == 1
+        self._moved = job["prescribed_displacement"][self.free].ravel()[self._fixed]
+        applied = job["external_force"][self.free].ravel()
+        self.data.qfrc_applied[:] = np.where(self._fixed, 0.0, applied)
+        self.model.dof_damping[:] = job.get("mass_damping", 0.0) * mass[0]
         if "initial_velocity" in job:
             velocity = job["initial_velocity"][self.free].ravel()
-            self.data.qvel[:] = np.where(self.fixed, 0.0, velocity)
-        self._times = job["output_times"]
+            self.data.qvel[:] = np.where(self._fixed, 0.0, velocity)
 
-    def _step(self, time_step: float) -> None:
-        self.model.opt.timestep = time_step
-        self.step()
+    def step(self, part: float = 1.0) -> None:
+        """Take a step; components that are fixed, but not pinned, are put back."""
+        self.model.opt.timestep = self.time_step
+        mujoco.mj_step(self.model, self.data)
+        self.data.qpos[self._fixed] = part * self._moved
+        self.data.qvel[self._fixed] = 0.0
 
-    def advance(self, _num_steps: int) -> dict[str, Any]:
-        """From rest, or the initial velocity, to the end."""
-        states, time_step = march(
-            self._step, lambda: self.at_points(self.data.qpos, 0.0), self._times,
-            self.model.opt.timestep,
-        )  # fmt: skip
-        self.result = {"displacement": states, "times": self._times}
-        scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
-        return {"method": "semi-implicit Euler", **scheme}
+    def velocity(self) -> Any:
+        """Velocities of the free points' components."""
+        return self.data.qvel
+
+    def displacement(self) -> Any:
+        """Displacement of all points."""
+        return self.at_points(self.data.qpos, 0.0)
 
 
 if __name__ == "__main__":
-    solve_case(Static, Motion)
+    solve_case(Loaded, Loaded)

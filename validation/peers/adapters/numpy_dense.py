@@ -64,12 +64,12 @@ def solve(rest: dict[str, Any], is_linear: bool) -> tuple[Any, int]:
     for iteration in range(1, 51):
         step = np.zeros_like(u)
         step[free] = np.linalg.solve(K[np.ix_(free, free)], -R[free])
-        share, before = 1.0, np.linalg.norm(R[free])
+        fraction, before = 1.0, np.linalg.norm(R[free])
         R, K = residual_and_tangent(u + step)
-        while np.linalg.norm(R[free]) > before and share > 1e-3 and iteration > 1:
-            share /= 2.0
-            R, K = residual_and_tangent(u + share * step)
-        u = u + share * step
+        while np.linalg.norm(R[free]) > before and fraction > 1e-3 and iteration > 1:
+            fraction /= 2.0
+            R, K = residual_and_tangent(u + fraction * step)
+        u = u + fraction * step
         if np.linalg.norm(R[free]) <= 1e-11 * scale:
             return u.reshape(-1, 3), iteration
     raise SystemExit(f"no equilibrium in 50 iterations, residual {np.linalg.norm(R[free]):.2g} N")

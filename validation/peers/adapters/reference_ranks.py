@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -66,35 +66,27 @@ class Truth:
         """Run the command from its start to its end."""
         # A machine for tests may run everything as root, which only Open MPI has to be allowed.
         allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-        with (self._folder / "log.txt").open("w", encoding="utf-8") as log:
-            process = subprocess.Popen(
+        peak = 0.0
+        with (
+            (self._folder / "log.txt").open("w", encoding="utf-8") as log,
+            subprocess.Popen(
                 self._command,
                 cwd=self._folder,
                 env={**os.environ, **allowed},
                 stdout=log,
                 stderr=subprocess.STDOUT,
-            )
-            peak = _peak_memory(process)
+            ) as process,
+        ):
+            while process.poll() is None:
+                peak = max(peak, _memory(process.pid))
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(_LOOKS)
         text = (self._folder / "log.txt").read_text("utf-8", errors="replace")
         if process.returncode != 0:
             raise RuntimeError(f"{' '.join(self._command)}: exit {process.returncode}\n{text}")
         moved = np.asarray(meshio.read(self._result).point_data["displacement"])
         self.result = {"displacement": moved}
         return {"iterations": text.count("relative residual") - 1, "peak_memory_mb": peak}
-
-
-def _peak_memory(process: subprocess.Popen[bytes]) -> float:
-    """Wait for a process; return the peak memory of it and its children together [MB]."""
-    is_over, peak = threading.Event(), 0.0
-
-    def wait() -> None:
-        process.wait()
-        is_over.set()
-
-    threading.Thread(target=wait, daemon=True).start()
-    while not is_over.wait(_LOOKS):
-        peak = max(peak, _memory(process.pid))
-    return peak
 
 
 def _memory(process: int) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import skfem
-from harness import lame, solve_case
+from harness import lame, load_parts, solve_case
 from skfem.helpers import ddot, eye, grad, mul, trace, transpose
 
 TOLERANCE = 1e-10
@@ -68,7 +68,7 @@ class Static:
         fixed = order[job["fixed"].astype(bool)]
         free = np.setdiff1d(np.arange(len(u)), fixed)
         count, residual = 0, np.inf
-        for part in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
+        for part in load_parts(job):
             rise = np.zeros_like(u)
             rise[fixed] = part * moved[fixed] - u[fixed]
             for _ in range(MOST_ITERATIONS):

@@ -1,4 +1,4 @@
-"""The hand's way: exact times, no faster than it may, back out; and whether bodies are at rest."""
+"""The pointer's way: exact times, no faster than allowed, back out; whether bodies are at rest."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from palpate.validation.live.hand import Clock, Hand, Settling
+from palpate.validation.live.pointer import Clock, Pointer, Settling
 
 
-def hand(way: float = 0.5) -> Hand:
-    return Hand(np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 1.0]), way, digits=6)
+def pointer(way: float = 0.5) -> Pointer:
+    return Pointer(np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 1.0]), way, digits=6)
 
 
 @pytest.mark.parametrize("largest", [9.562e-4, 1.7e-5, 3.3e-3, 0.02])
@@ -27,7 +27,7 @@ def test_times_of_ticks_are_exact(largest: float) -> None:
 
 
 def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
-    one = hand()
+    one = pointer()
     goal = np.array([3.0, 0.0, 6.123456789])
     one.send(goal)
     last = one.position
@@ -39,27 +39,27 @@ def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
 
 
 def test_the_tool_slows_down_where_there_is_little_room() -> None:
-    one = hand()
+    one = pointer()
     one.send(np.array([0.0, 0.0, 0.0]))
     ways = -np.diff([one.next_position(room)[2] for room in (1.0, 1.0, 0.5, 0.2, 0.01, 7.0)])
     np.testing.assert_allclose(ways, [0.5, 0.25, 0.1, 0.05, 0.5], atol=1e-6)
-    assert not one.is_held_back
+    assert not one.is_retreating
 
 
 def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
-    one = hand()
+    one = pointer()
     one.send(np.array([0.0, 0.0, 0.0]))
     way = [one.next_position().copy() for _ in range(9)]
     back = [one.next_position(0.0).copy() for _ in range(2)]
     # Five times as fast as it came, and not beyond where it began.
     np.testing.assert_array_equal(back, [way[3], [0.0, 0.0, 10.0]])
-    assert one.is_held_back
+    assert one.is_retreating
     one.next_position()
-    assert not one.is_held_back
+    assert not one.is_retreating
 
 
 def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside() -> None:
-    one = hand()
+    one = pointer()
     one.send(np.array([4.0, 0.0, 2.0]))
     for _ in range(40):
         one.next_position()

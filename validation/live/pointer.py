@@ -1,4 +1,4 @@
-"""The hand: positions of tool and anchor, tick by tick, and whether the bodies have settled.
+"""The pointer: positions of tool and anchor, tick by tick, and whether the bodies have settled.
 
 Times are whole numbers of ticks, a tick a whole number of steps, and a step has 20 significant
 bits: products and quotients of them are exact, so that a recorded path gives every step the same
@@ -52,7 +52,7 @@ class Clock:
 
 
 @dataclass
-class Hand:
+class Pointer:
     """The tool's present position, and the position that it is sent to.
 
     Args:
@@ -63,7 +63,7 @@ class Hand:
 
     Attributes:
         position: Position of the tool at the end of the present tick.
-        is_held_back: Whether the body could be pressed no further, and the tool retreated a little.
+        is_retreating: Whether the tool retreats since the body can be pressed no further.
     """
 
     start: Floats
@@ -71,7 +71,7 @@ class Hand:
     largest_way: float
     digits: int
     position: Floats = field(init=False)
-    is_held_back: bool = False
+    is_retreating: bool = False
     _goals: list[Floats] = field(default_factory=list)
     _behind: list[Floats] = field(default_factory=list)
 
@@ -98,8 +98,8 @@ class Hand:
             room: Fraction of its speed that it may have; at 0 or less the body can be pressed no
                 further, and the tool retreats along its own path.
         """
-        self.is_held_back = room <= 0.0 and bool(self._behind)
-        if self.is_held_back:
+        self.is_retreating = room <= 0.0 and bool(self._behind)
+        if self.is_retreating:
             *self._behind, self.position = self._behind[: 1 - RETREAT] or self._behind[:1]
             self._goals = []
             return self.position
