@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from palpate.fastsim.mending.mend import EntangledError, mend_surface
 from palpate.fastsim.mending.wrap import WrapError, wrap_surface
@@ -257,42 +256,23 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
     edge = units.metres(geometry.edge_length)
     given = [getattr(geometry, key) for key in SHAPES[geometry.shape]]
     sizes = [units.lengths(v) if isinstance(v, tuple) else units.metres(v) for v in given]
-    require_countable(_extents(geometry.shape, sizes), edge)
-    surface: TriSurface = _MAKERS[geometry.shape](*sizes, edge_length=edge)
+    make, extents = _SHAPES[geometry.shape]
+    require_countable(extents(*sizes), edge)
+    surface: TriSurface = make(*sizes, edge_length=edge)
     return surface
 
 
-_MAKERS: dict[str, Any] = {
-    "box": shape_box,
-    "beam": shape_beam,
-    "cylinder": shape_cylinder,
-    "sphere": shape_sphere,
-    "kidney": shape_kidney,
-    "hollow_sphere": shape_hollow_sphere,
-    "hollow_octant": shape_hollow_octant,
-    "tube": shape_tube,
+# What makes each built-in shape, and the lengths of a box around it [m], of its sizes.
+_SHAPES: dict[str, tuple[Callable[..., TriSurface], Callable[..., Sequence[float]]]] = {
+    "box": (shape_box, lambda size: size),
+    "beam": (shape_beam, lambda *sizes: sizes),
+    "cylinder": (shape_cylinder, lambda radius, height: (2.0 * radius, 2.0 * radius, height)),
+    "sphere": (shape_sphere, lambda radius: (2.0 * radius,) * 3),
+    "kidney": (shape_kidney, lambda: _KIDNEY),
+    "hollow_sphere": (shape_hollow_sphere, lambda radius, _inner: (2.0 * radius,) * 3),
+    "hollow_octant": (shape_hollow_octant, lambda radius, _inner: (radius,) * 3),
+    "tube": (shape_tube, lambda radius, _inner, height: (2.0 * radius, 2.0 * radius, height)),
 }
-
-
-def _extents(shape: str, sizes: list[Any]) -> Sequence[float]:
-    """Lengths of a box around a built-in shape [m]."""
-    match shape, sizes:
-        case "box", [size]:
-            extents: Sequence[float] = size
-            return extents
-        case "cylinder", [radius, height]:
-            return 2.0 * radius, 2.0 * radius, height
-        case "sphere", [radius]:
-            return (2.0 * radius,) * 3
-        case "hollow_sphere", [radius, _]:
-            return (2.0 * radius,) * 3
-        case "hollow_octant", [radius, _]:
-            return (radius,) * 3
-        case "tube", [radius, _, height]:
-            return 2.0 * radius, 2.0 * radius, height
-        case "kidney", []:
-            return _KIDNEY
-    return sizes
 
 
 def inside_folder(folder: Path, name: str) -> Path:

@@ -131,53 +131,35 @@ class CheckSpec(Table):
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
         if self.precision is not None and about.is_own:
             raise ValueError(f"precision goes with what is compared, not with {self.metric}")
-        self._says_which_number()
-        self._looks_somewhere()
+        self._has_what_the_metric_takes()
         if not about.is_own and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
 
-    def _says_which_number(self) -> None:
-        """Raise ValueError where what says which number is published is missing or too much."""
+    def _has_what_the_metric_takes(self) -> None:
+        """Raise ValueError where a key of a number or part of the body is missing or unused."""
         about = self.about
         missing = [key for key in about.asks if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{self.metric} needs {', '.join(missing)}")
-        for key in ("at", "component", "quantity", "tool", "expected"):
-            if getattr(self, key) is not None and key not in about.asks:
-                takers = [metric.name for metric in CATALOGUE.values() if key in metric.asks]
+        for key in _OF_SOME:
+            if getattr(self, key) is not None and not _takes(about, key):
+                takers = [metric.name for metric in CATALOGUE.values() if _takes(metric, key)]
                 raise ValueError(f"{key} goes with {', '.join(takers)}")
-        if self.uncertainty is not None and not about.is_published:
-            published = ", ".join(_names(lambda m: m.is_published))
-            raise ValueError(f"uncertainty goes with {published}")
         if self.component is not None and self.component not in about.components:
             known = ", ".join(about.components)
             raise ValueError(f"component of {self.metric} is one of {known}")
         if about.is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or position")
-
-    def _looks_somewhere(self) -> None:
-        """Raise ValueError where a part of the body is missing, or given but not used."""
-        about = self.about
-        takes_support = about.is_of_surface or "support" in about.asks
-        if self.support is not None and not takes_support:
-            surfaces = ", ".join(_names(lambda m: m.is_of_surface or "support" in m.asks))
-            raise ValueError(f"support goes with {surfaces}")
-        takes_region = about.of_part is not None or "region" in about.asks
-        if self.region is not None and not takes_region:
-            parts = ", ".join(_names(lambda m: m.of_part is not None or "region" in m.asks))
-            raise ValueError(f"region goes with {parts}")
         if self.region is not None and self.region.nearest is not None:
             raise ValueError(
                 "the region of a check is a box, a ball, a half_space or a group, not a point"
             )
-        if about.of_part is None:
-            return
         if about.is_of_surface and (self.region is None) == (self.support is None):
             raise ValueError(
                 f"{self.metric} needs support, the number of one, or region, one side of a cut"
             )
-        if not about.is_of_surface and self.region is None:
+        if about.of_part is not None and not about.is_of_surface and self.region is None:
             raise ValueError(
                 f"{self.metric} needs region: cells away from clamped edges, where stress has no "
                 "bound"
@@ -192,6 +174,20 @@ class CheckSpec(Table):
     def is_of_truth_alone(self) -> bool:
         """Whether the truth itself, not the candidate, is compared with a published number."""
         return self.against == "truth" and self.about.is_published
+
+
+# Keys of a check that go with some metrics only.
+_OF_SOME = ("at", "component", "quantity", "tool", "expected", "uncertainty", "support", "region")
+
+
+def _takes(metric: Metric, key: str) -> bool:
+    """Whether a key of a check, of those that only some metrics take, goes with a metric."""
+    also = {
+        "uncertainty": metric.is_published,
+        "support": metric.is_of_surface,
+        "region": metric.of_part is not None,
+    }
+    return key in metric.asks or also.get(key, False)
 
 
 def _names(which: Callable[[Metric], bool]) -> list[str]:

@@ -130,42 +130,43 @@ def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
         raise ResultFileError(
             file, f"needs exactly one of displacement, positions (it holds: {has})"
         )
-    scale = _scale(file, named)
+
+    def require(is_so: bool | np.bool_, reason: str) -> None:
+        if not is_so:
+            raise ResultFileError(file, reason)
+
+    unit = _text(file, named, "length_unit", "m")
+    require(unit in LENGTH, f"length_unit {unit!r} is not known; use {', '.join(LENGTH)}")
+    scale = LENGTH.get(unit, 1.0)
     values = _numbers(file, given[0], named[given[0]])
     if values.ndim == 2:
         values = values[None]
-    if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
-        raise ResultFileError(
-            file, f"{given[0]} has shape {values.shape}; needs (num_points, 3) or with times first"
-        )
+    shape = f"{given[0]} has shape {values.shape}; needs (num_points, 3) or with times first"
+    require(values.ndim == 3 and values.shape[2] == 3 and 0 not in values.shape, shape)
+    num_times, num_points = values.shape[:2]
     times = points = cells = original = None
     if "times" in named:
         times = np.atleast_1d(_numbers(file, "times", named["times"]))
-        grow = times.shape == (len(values),) and (np.diff(times) > 0.0).all()
-        if not grow or not np.isfinite(times).all():
-            raise ResultFileError(
-                file, f"times must increase and be finite, one for each of {len(values)}"
-            )
-    elif len(values) > 1:
-        raise ResultFileError(file, f"holds {len(values)} states without `times`")
+        grow = times.shape == (num_times,) and (np.diff(times) > 0.0).all()
+        require(
+            grow and np.isfinite(times).all(),
+            f"times must increase and be finite, one for each of {num_times}",
+        )
+    require("times" in named or num_times == 1, f"holds {num_times} states without `times`")
     if "points" in named:
         points = scale * _numbers(file, "points", named["points"])
-        if points.shape != values.shape[1:]:
-            raise ResultFileError(
-                file, f"{len(points)} points but {values.shape[1]} rows of {given[0]}"
-            )
+        shape = f"points have shape {points.shape}, but {given[0]} {values.shape[1:]}"
+        require(points.shape == values.shape[1:], shape)
     if "cells" in named:
         cells = _whole(file, "cells", named["cells"])
-        if cells.ndim != 2 or cells.shape[1] != 4:
-            raise ResultFileError(file, f"cells have shape {cells.shape}; needs (num_cells, 4)")
-        if cells.size and not (cells.min() >= 0 and cells.max() < values.shape[1]):
-            raise ResultFileError(file, "cells name points that do not exist")
+        is_right = cells.ndim == 2 and cells.shape[1] == 4
+        require(is_right, f"cells have shape {cells.shape}; needs (num_cells, 4)")
+        is_there = not cells.size or (cells.min() >= 0 and cells.max() < num_points)
+        require(is_there, "cells name points that do not exist")
     if "original_id" in named:
         original = _whole(file, "original_id", named["original_id"]).ravel()
-        if len(original) != values.shape[1]:
-            raise ResultFileError(
-                file, f"{len(original)} original_id but {values.shape[1]} rows of {given[0]}"
-            )
+        count = f"{len(original)} original_id but {num_points} rows of {given[0]}"
+        require(len(original) == num_points, count)
     return ResultFile(
         file,
         scale * values,
@@ -201,13 +202,6 @@ def _stress(
     if uneven > _SYMMETRIC_TO * np.abs(stress).max(initial=0.0):
         raise ResultFileError(file, "cauchy_stress is not symmetric; is it another stress?")
     return stress
-
-
-def _scale(file: Path, named: dict[str, Any]) -> float:
-    unit = _text(file, named, "length_unit", "m")
-    if unit not in LENGTH:
-        raise ResultFileError(file, f"length_unit {unit!r} is not known; use {', '.join(LENGTH)}")
-    return LENGTH[unit]
 
 
 def _text(file: Path, named: dict[str, Any], name: str, default: str) -> str:

@@ -94,6 +94,7 @@ UNUSABLE = [
     ({"displacement": "u", "points": "rest", "cells": "beyond"}, "points that do not exist"),
     ({"displacement": "u", "points": "rest", "cells": "before"}, "points that do not exist"),
     ({"displacement": "u", "points": "elsewhere"}, "no tetrahedra"),
+    ({"displacement": "u", "points": np.array(1.0)}, "points have shape"),
     ({"displacement": "text"}, "not numbers"),
     # Times.
     ({"displacement": "two"}, "without `times`"),
