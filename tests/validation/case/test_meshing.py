@@ -23,66 +23,75 @@ from palpate.validation.states import Verdict
 def test_paths_may_not_leave_the_folder(write_case, tmp_path):
     outside = tmp_path.parent / f"{tmp_path.name}-outside.stl"
     write_surface(outside, shape_sphere(1.0, edge_length=0.5))
-    for name in (f"../{outside.name}", str(outside)):
-        with pytest.raises(InputError, match="outside the case's folder"):
-            load_case(write_case((BOX, f'surface = "{name}"'))).problem  # noqa: B018
     (tmp_path / "link.stl").symlink_to(outside)
-    with pytest.raises(InputError, match="outside the case's folder"):
-        load_case(write_case((BOX, 'surface = "link.stl"'))).problem  # noqa: B018
+    for name in (f"../{outside.name}", str(outside), "link.stl"):
+        with pytest.raises(InputError, match="outside the case's folder"):
+            _ = load_case(write_case((BOX, f'surface = "{name}"'))).problem
 
 
-def test_bad_geometry_files_are_refused(write_case, tmp_path):
-    sphere = shape_sphere(1.0, edge_length=0.5)
-    write_surface(tmp_path / "open.off", TriSurface(sphere.points, sphere.facets[1:]))
-    with pytest.raises(InputError, match=r"open\.off.*open"):
-        load_case(write_case((BOX, 'surface = "open.off"'))).problem  # noqa: B018
-    write_surface(tmp_path / "nan.off", sphere)
+SPHERE = shape_sphere(1.0, edge_length=0.5)
+GIVEN = {
+    "whole": SPHERE.facets,
+    "torn": SPHERE.facets[1:],
+    "inwards": SPHERE.facets[:, ::-1],
+}
+
+
+@pytest.fixture
+def of_file(write_case, tmp_path):
+    """The case of a ball as one of those, in a file, with other keys of its geometry."""
+
+    def of_file(given, keys="", name="ball.off"):
+        surface = TriSurface(SPHERE.points + np.array([1.0, 0.5, 0.5]), GIVEN[given])
+        write_surface(tmp_path / name, surface)
+        ends = ("0.001", "0.5"), ("1.999", "1.5")
+        return load_case(write_case((BOX, f'surface = "{name}"\n{keys}'), *ends))
+
+    return of_file
+
+
+@pytest.mark.parametrize(
+    ("given", "keys", "origin"),
+    [
+        ("whole", "", "meshed by fastsim"),
+        ("torn", "repair = true", "1 hole(s) closed by 1 facet(s)"),
+        ("torn", "wrap = 0.3", "wrapped by"),
+        ("inwards", "", f"{SPHERE.num_facets} facet(s) of bodies that faced inwards turned round"),
+    ],
+)
+def test_a_surface_is_meshed_and_what_was_done_is_said(of_file, given, keys, origin):
+    case = of_file(given, keys)
+    assert origin in case.mesh.origin
+    if "wrap" not in keys:
+        assert case.problem.mesh.volume == pytest.approx(SPHERE.volume, rel=1e-12)
+
+
+def test_a_binary_stl_is_a_surface_too(of_file):
+    mesh = of_file("whole", name="ball.stl").problem.mesh
+    assert mesh.volume == pytest.approx(SPHERE.volume, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "keys", "reason"),
+    [
+        ("torn", "", r"ball\.off.*open"),
+        ("torn", "repair = true\nlargest_hole = 2", "allow holes of 3 edges"),
+        ("inwards", "wrap = 1e-9", r"ball\.off: .* would do"),
+    ],
+)
+def test_what_bounds_no_solid_is_refused(of_file, given, keys, reason):
+    with pytest.raises(InputError, match=reason):
+        _ = of_file(given, keys).mesh
+
+
+def test_files_that_are_not_there_or_hold_nan_are_refused(write_case, tmp_path):
+    write_surface(tmp_path / "nan.off", SPHERE)
     text = (tmp_path / "nan.off").read_text().splitlines()
     text[5] = "nan 0 0"
     (tmp_path / "nan.off").write_text("\n".join(text))
-    with pytest.raises(InputError, match=r"nan\.off"):
-        load_case(write_case((BOX, 'surface = "nan.off"'))).problem  # noqa: B018
-    with pytest.raises(InputError, match="no such file"):
-        load_case(write_case((BOX, 'surface = "none.off"'))).problem  # noqa: B018
-
-
-def test_a_surface_of_ones_own_is_meshed_and_the_mesher_named(write_case, tmp_path):
-    sphere = shape_sphere(1.0, edge_length=0.5)
-    moved = sphere.points + np.array([1.0, 0.5, 0.5])
-    write_surface(tmp_path / "mine.stl", TriSurface(moved, sphere.facets))
-    case = load_case(write_case((BOX, 'surface = "mine.stl"'), ("0.001", "0.5"), ("1.999", "1.5")))
-    assert "fastsim" in case.mesh.origin
-    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-6)
-
-
-def test_a_surface_with_a_hole_is_mended_on_request_and_the_origin_says_so(write_case, tmp_path):
-    sphere = shape_sphere(1.0, edge_length=0.5)
-    torn = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[1:])
-    write_surface(tmp_path / "torn.off", torn)
-    surface = 'surface = "torn.off"\nrepair = true'
-    case = load_case(write_case((BOX, surface), ("0.001", "0.5"), ("1.999", "1.5")))
-    assert "1 hole(s) closed by 1 facet(s)" in case.mesh.origin
-    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
-    small = surface + "\nlargest_hole = 2"
-    with pytest.raises(InputError, match="allow holes of 3 edges"):
-        load_case(write_case((BOX, small), ("0.001", "0.5"), ("1.999", "1.5"))).mesh  # noqa: B018
-    wrap = 'surface = "torn.off"\nwrap = 0.3'
-    case = load_case(write_case((BOX, wrap), ("0.001", "0.5"), ("1.999", "1.5")))
-    assert "wrapped by" in case.mesh.origin
-
-
-def test_a_surface_that_faces_inwards_is_turned_and_the_origin_says_so(write_case, tmp_path):
-    sphere = shape_sphere(1.0, edge_length=0.5)
-    given = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[:, ::-1])
-    write_surface(tmp_path / "turned.off", given)
-    places = ("0.001", "0.5"), ("1.999", "1.5")
-    case = load_case(write_case((BOX, 'surface = "turned.off"'), *places))
-    said = f"{len(given.facets)} facet(s) of bodies that faced inwards turned round"
-    assert said in case.mesh.origin
-    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
-    too_fine = 'surface = "turned.off"\nwrap = 1e-9'
-    with pytest.raises(InputError, match=r"turned\.off: .* would do"):
-        load_case(write_case((BOX, too_fine), *places)).mesh  # noqa: B018
+    for name, reason in (("nan.off", r"nan\.off"), ("none.off", "no such file")):
+        with pytest.raises(InputError, match=reason):
+            _ = load_case(write_case((BOX, f'surface = "{name}"'))).mesh
 
 
 def test_a_graded_mesh_says_so(write_case):
@@ -135,7 +144,7 @@ def test_the_cells_within_the_surface_have_its_material(write_case, tmp_path):
 def test_what_does_not_go_with_it_is_refused(write_case, tmp_path):
     def refused(*changes):
         with pytest.raises(InputError) as caught:
-            load_case(case_with_tumour(write_case, tmp_path, *changes)).problem  # noqa: B018
+            _ = load_case(case_with_tumour(write_case, tmp_path, *changes)).problem
         return str(caught.value)
 
     both = 'surface = "tumour.off"\nregion = { group = "x" }'
