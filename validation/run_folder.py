@@ -319,7 +319,7 @@ def _remove(run: Path, target: Path) -> None:
         # Files that were written into the old folder in the moment of the swap.
         beside = _free_name(target)
         run.rename(beside)
-        print(f"palpate: kept in {beside}: {_some(left)}", file=sys.stderr)
+        print(f"palpate: left in {beside}: {_some(left)}", file=sys.stderr)
         return
     (run / MARKER).unlink()
     for name in reversed(_folders_of(run)):

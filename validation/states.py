@@ -65,7 +65,7 @@ class ExitCode(IntEnum):
     PASSED = 0, "every check passed"
     FAILED = 1, "a check failed, or the simulator: diverged, crashed, NaN, out of time"
     UNUSABLE_INPUT = 2, "unusable input: a bad case or file, a missing or stale reference"
-    INCONCLUSIVE = 3, "inconclusive: no answer of the reference, or too wide an error bar"
+    INCONCLUSIVE = 3, "inconclusive: no result of the reference, or too wide an error bar"
     INTERNAL_ERROR = 4, "an internal error of palpate: never a verdict"
 
     def __new__(cls, value: int, meaning: str) -> ExitCode:

@@ -78,7 +78,7 @@ def run_fastsim(
     bad = np.flatnonzero(~np.isfinite(displacement).all(axis=1))
     if bad.size:
         raise CandidateFailedError(
-            f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
+            f"the result holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
     return make_state(
         problem.mesh,

@@ -25,7 +25,7 @@ def plain_number(value: Any) -> Any:
         raise PydanticCustomError("number", "is no number")
     if not is_a_float(value):
         is_whole = isinstance(value, int)
-        message = "is beyond what a float can hold" if is_whole else "is not finite"
+        message = "is beyond the range of a float" if is_whole else "is not finite"
         raise PydanticCustomError("number", f"{message}; write a finite number")
     return value
 
@@ -69,12 +69,12 @@ def _require_usable(value: Any, location: tuple[str | int, ...]) -> None:
     elif isinstance(value, int | float) and not isinstance(value, bool):
         if not is_a_float(value):
             raise PydanticCustomError(
-                "published", "is no finite number", {"place": location, "value": repr(value)}
+                "published", "is no finite number", {"path": location, "value": repr(value)}
             )
     elif not isinstance(value, str | bool):
         kind = type(value).__name__
         raise PydanticCustomError(
-            "published", f"is a {kind}; write it as text, in quotes", {"place": location}
+            "published", f"is a {kind}; write it as text, in quotes", {"path": location}
         )
 
 
@@ -318,7 +318,7 @@ class MaterialSpec(Table):
         others = [key for key in known if key not in needed]
         for key in needed:
             if getattr(self, key) is None:
-                raise PydanticCustomError("missing", "needed", {"place": (key,)})
+                raise PydanticCustomError("missing", "needed", {"path": (key,)})
         for key in others:
             if getattr(self, key) is not None:
                 raise ValueError(f"law = {self.law} takes {', '.join(needed)}, not {key}")

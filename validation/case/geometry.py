@@ -65,7 +65,7 @@ REMEDIES: dict[type[InputError], tuple[str, str]] = {
     OrientationError: (f"{_REPAIR} turns facets", _WRAP),
     DegenerateFacetError: (f"{_REPAIR} flips edges across flat facets or drops these", _WRAP),
     DuplicateFacetError: (f"{_REPAIR} drops copies", _WRAP),
-    SelfIntersectionError: (f"{_REPAIR} mends what cuts itself", _WRAP),
+    SelfIntersectionError: (f"{_REPAIR} repairs what cuts itself", _WRAP),
     EntangledError: ("", f"--repair-distance D (repair_distance) allows more; {_WRAP}"),
     BoundaryRecoveryError: (_OTHERS, _OTHERS),
     DuplicatePointError: (f"{_REPAIR} merges points", _WRAP),
@@ -231,7 +231,7 @@ def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurf
 
 
 def require_countable(extents: Sequence[float], edge_length: float) -> None:
-    """Refuse a size that asks for more cells or facets than anybody can hold, before any is made.
+    """Refuse a size that asks for more cells or facets than fit, before any is made.
 
     Args:
         extents: Lengths of a box around the body [m], three.

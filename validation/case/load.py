@@ -42,7 +42,7 @@ def _line(path: Path, source: str, found: ErrorDetails) -> str:
     loc = found["loc"]
     location = [part for index, part in enumerate(loc) if not _is_tag(index, loc)]
     context = found.get("ctx", {})
-    location += context.get("place", ())
+    location += context.get("path", ())
     key = ".".join(str(part + 1) if isinstance(part, int) else part for part in location)
     # What is missing stands nowhere: the table where it should.
     stands = location[:-1] if found["type"] == "missing" else location

@@ -208,7 +208,7 @@ def _fill_bodies(
     """A body and the surfaces in it, the body first, with all their facets."""
     if spec.boundary_distance is not None or spec.grade or spec.mesher == "gmsh":
         raise InputError(
-            "surfaces of inclusions are kept as they are, by fastsim's mesher: a free boundary, "
+            "surfaces of inclusions stay as they are, by fastsim's mesher: a free boundary, "
             "grades and gmsh do not go with them"
         )
     if how.target is not None:

@@ -19,7 +19,7 @@ from palpate.validation.exchange.nodal_arrays import are_among, area_vectors
 from palpate.validation.metrics import Part
 
 # A point is there within this part of the body's size.
-SAME_PLACE = 1e-6
+SAME_POSITION = 1e-6
 # Facets whose normals differ by no more lie in one plane: what files in single precision leave.
 _FLAT_DEG = 0.01
 
@@ -174,7 +174,7 @@ def point_at(mesh: TetMesh, position: Vector, units: Units, what: str) -> int:
     wanted = np.array(units.lengths(position))
     apart = np.linalg.norm(mesh.points - wanted, axis=1)
     point = int(apart.argmin())
-    if not apart[point] <= SAME_PLACE * float(np.ptp(mesh.points, axis=0).max()):
+    if not apart[point] <= SAME_POSITION * float(np.ptp(mesh.points, axis=0).max()):
         raise InputError(
             f"{what} at {list(position)} {units.length}: no point of the mesh lies there, the "
             f"nearest at {_shown(mesh.points[point], units)} {units.length}; mesh it in, or take "
@@ -236,7 +236,7 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
         support = problem.supports[spec.support - 1]
         if support.is_moved and support.amplitude is not None and problem.time is not None:
             raise InputError(
-                f"{what}: support {spec.support} moves in time, and the inertia of what it holds "
+                f"{what}: support {spec.support} moves in time, and the inertia of what it fixes "
                 "is no part of what is read of its force; check one at rest"
             )
         weights[support.points] = support.components

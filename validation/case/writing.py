@@ -222,7 +222,7 @@ def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: boo
     if unit not in LENGTH:
         raise InputError(f"unit {unit!r}: use one of {', '.join(LENGTH)}")
     geometry, surface = _geometry(body, target, LENGTH[unit], repair)
-    title = f"{Path(body).stem if body else 'A box'}, held at one end, pulled at the other"
+    title = f"{Path(body).stem if body else 'A box'}, fixed at one end, pulled at the other"
     values: dict[str, Any] = {
         "schema": 1,
         "title": title,
@@ -258,7 +258,7 @@ FIRST_CHECKS = [
         "reason": "no cell may be inverted",
     },
 ]
-_REMARKS = {"check 2": "GUESS: the limit. It should come from what the answer is used for."}
+_REMARKS = {"check 2": "GUESS: the limit. It should come from what the result is used for."}
 
 
 def _geometry(
@@ -326,7 +326,7 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
     extent = f"{_shown(low[axis], unit):g} to {_shown(high[axis], unit):g} {unit}"
     where = f"the body reaches from {extent} along {_AXES[axis]}, its longest side;"
     return values, {
-        "support": f"GUESS: {where}\nits first {100 * part:.0f} % are held.",
+        "support": f"GUESS: {where}\nits first {100 * part:.0f} % are fixed.",
         "load": f"GUESS: {where}\nits last {100 * part:.0f} % are pulled outwards, so that it "
         f"becomes about {100 * _STRETCH:.0f} % longer.",
     }

@@ -116,7 +116,7 @@ def write_case_folder(
     by_cell = {name: arrays[name] for name in _BY_CELL if name in arrays}
     write_mesh(target / "rest.vtu", problem.mesh, point_data=by_point, cell_data=by_cell)
     arrays |= _follower_pressures(problem)
-    arrays["support"] = _holding_supports(problem)
+    arrays["support"] = _fixing_supports(problem)
     arrays |= _sliding_points(problem)
     if problem.initial_velocity is not None:
         arrays["initial_velocity"] = problem.initial_velocity.at(problem.mesh.points)
@@ -165,7 +165,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
 
 def _describe_tool(tool: RigidTool) -> dict[str, Any]:
     if isinstance(tool.shape, SurfaceShape):
-        raise InputError("a tool given by a surface cannot be handed to other simulators yet")
+        raise InputError("a tool given by a surface cannot be given to other simulators yet")
     described: dict[str, Any] = _plain(tool)
     described["shape"] = {"kind": type(tool.shape).__name__, **_plain(tool.shape)}
     return described
@@ -193,8 +193,8 @@ def _follower_pressures(problem: Problem) -> dict[str, NDArray[Any]]:
     }
 
 
-def _holding_supports(problem: Problem) -> NDArray[np.int32]:
-    """Number of the support that holds a component, -1 where free, (num_points, 3)."""
+def _fixing_supports(problem: Problem) -> NDArray[np.int32]:
+    """Number of the support that fixes a component, -1 where free, (num_points, 3)."""
     numbers = np.full(problem.mesh.points.shape, -1, dtype=np.int32)
     for number, support in enumerate(problem.supports):
         for axis in np.flatnonzero(support.components) if support.normal is None else ():

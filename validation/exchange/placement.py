@@ -96,7 +96,7 @@ def _require_finite(result: ResultFile) -> None:
     bad = np.flatnonzero(~np.isfinite(result.values).all(axis=(0, 2)))
     if bad.size:
         raise CandidateFailedError(
-            f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
+            f"the result holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
     if result.cauchy_stress is not None:
         bad = np.flatnonzero(~np.isfinite(result.cauchy_stress).all(axis=(1, 2)))
@@ -276,8 +276,8 @@ def _require_joined(
     if apart.max() > tolerance:
         x, y, z = points[rows[apart.argmax()]]
         raise CandidateFailedError(
-            f"{int((apart > tolerance).sum())} pair(s) of points at one place move apart, by up to "
-            f"{apart.max():.3g} m at ({x:.4g}, {y:.4g}, {z:.4g}) m: the body is torn"
+            f"{int((apart > tolerance).sum())} pair(s) of points at one position move apart, by up "
+            f"to {apart.max():.3g} m at ({x:.4g}, {y:.4g}, {z:.4g}) m: the body is torn"
         )
 
 
@@ -292,8 +292,8 @@ def _require_same_body(result: ResultFile, mesh: TetMesh, case: TetMesh) -> Loca
     for what, distances in (
         ("of the case's points lie outside its mesh", case_points.distances),
         ("of its points lie outside the body", locate_points(case, mesh).distances),
-        ("places of the body's surface are not on its mesh's surface", _apart(case, mesh)),
-        ("places of its mesh's surface are not on the body's surface", _apart(mesh, case)),
+        ("points of the body's surface are not on its mesh's surface", _apart(case, mesh)),
+        ("points of its mesh's surface are not on the body's surface", _apart(mesh, case)),
     ):
         far = int((distances > limit).sum())
         if far:

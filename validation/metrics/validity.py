@@ -163,7 +163,7 @@ def unmeasurable_state(state: State) -> str:
     own = [] if state.own is None else [state.own.displacements]
     if motion is None:
         is_good = are_measurable(state.displacement, *own)
-        return "" if is_good else "the answer holds numbers that are none, or too large to measure"
+        return "" if is_good else "the result holds numbers that are none, or too large to measure"
     for k, displacement in enumerate(motion.displacements):
         if not are_measurable(displacement, *(there[k] for there in own)):
             return (

@@ -256,7 +256,7 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     write_surface(path, both)
     said = refused(path)
     assert said.startswith("organ.off: the surface intersects itself: ")
-    assert "--repair (repair = true in a case) mends what cuts itself" in said
+    assert "--repair (repair = true in a case) repairs what cuts itself" in said
     assert ") mm" in said
     assert "facet " in said
     said = refused(path, "--repair", "--repair-distance", "0.001")
