@@ -7,8 +7,8 @@ a mesh graded by its own error need for the accuracy of a uniform one of over 10
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -35,13 +35,11 @@ from palpate.meshes.problem import Material, Problem
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
-from palpate.reference.result import ReferenceResult
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, Verdict
-from palpate.validation.studies.closed_forms import contact_radius, volume_change
-from palpate.validation.studies.study import Study
+from palpate.validation.studies.study import Study, volume_change
 
 # Section V: how the number of cells grows with resolution, uniform and graded.
 #
@@ -116,7 +114,7 @@ def _count_uniform(n: int) -> int:
 
 # Error against cells on one body: a uniform family of meshes and one graded by its own error.
 #
-# All meshes are bisections of one coarse mesh, so the body and its held, pushed and touched parts
+# All meshes are bisections of one coarse mesh, so the body and its fixed, pushed and touched parts
 # are the same polyhedra in all, and the coarse mesh's points are in all. The truth is P2 on meshes
 # graded by the same indicator, three of them, which gives it an error bar.
 
@@ -126,43 +124,35 @@ PART = 0.2
 PART_OF_CELLS = 1.0 / 5.0
 MOST_CELLS = {"uniform": 150_000, "graded": 45_000}
 
-# Displacement [m] and the scalar that is judged beside it, in SI units.
-Solved = tuple[Points, float]
 
+class Scene(NamedTuple):
+    """A body under load on its coarse mesh, and the scalar that is judged beside its displacement.
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A body under load on its coarse mesh, and what is asked of it.
-
-    `quantity` is the scalar that is judged. The candidate solves, the reference solves the truth
-    on quadratic elements, on at most `truth_cells` and before on about `truth_ratio` times fewer.
+    That is the force on the tool where there is one, and the change of volume where there is none.
+    The truth has at most `truth_cells`, and before about `truth_ratio` times fewer.
     """
 
     title: str
-    quantity: str
     problem: Problem
-    solve: Callable[[Problem], Solved]
-    solve_truth: Callable[[Problem], Solved]
     truth_cells: int
     truth_ratio: float
 
+    @property
+    def quantity(self) -> str:
+        """Name of the scalar."""
+        return "contact force" if self.problem.tools else "change of volume"
 
-class Point(NamedTuple):
-    """One mesh of a family.
 
-    The error of displacement is relative L2 over the coarse mesh's points, that of the scene's
-    scalar over the true one and signed; the critical time step [s] is about the rest state.
+class Solved(NamedTuple):
+    """A solution on one mesh: displacement at the coarse mesh's points [m], scalar [N or -].
+
+    The critical time step [s] is about the rest state.
     """
 
     cells: int
-    displacement_error: float
-    quantity_error: float
-    critical_time_step: float
-
-    @property
-    def errors(self) -> tuple[float, float]:
-        """Of displacement and scalar, without sign."""
-        return self.displacement_error, abs(self.quantity_error)
+    displacement: Points
+    quantity: float
+    critical_time_step: float = math.nan
 
     @property
     def cost(self) -> float:
@@ -171,60 +161,61 @@ class Point(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """Errors against cells, and how far the truth itself may be off.
-
-    `families` are meshes by "uniform" and "graded", from coarse to fine. `pair` is the finest
-    uniform mesh and the finest graded one with at most a fifth of its cells; `gaps` is how far
-    their displacements and scalars are apart, `bars` how far the truth's may be off, both in the
-    errors' units. `truth_cells` are those of the P2 meshes.
-    """
+    """Meshes by "uniform" and "graded", from coarse to fine, and the truth on three, likewise."""
 
     title: str
     quantity: str
-    families: dict[str, list[Point]]
-    pair: tuple[Point, Point]
-    gaps: tuple[float, float]
-    bars: tuple[float, float]
-    truth_cells: tuple[int, ...]
+    families: Mapping[str, Sequence[Solved]]
+    truths: Sequence[Solved]
 
     @property
     def names(self) -> tuple[str, str]:
         """Of the two errors."""
         return "displacement", self.quantity
 
+    def gaps(self, one: Solved, other: Solved) -> tuple[float, float]:
+        """How far two are apart over the truth: relative L2, and the scalar with its sign [-]."""
+        truth = self.truths[-1]
+        apart = np.linalg.norm(one.displacement - other.displacement)
+        scale = np.linalg.norm(truth.displacement)
+        return float(apart / scale), (one.quantity - other.quantity) / truth.quantity
 
-class _Answer(NamedTuple):
-    """A solution where all meshes can be compared."""
+    def errors(self, solved: Solved) -> tuple[float, float]:
+        """Of displacement and scalar, without sign [-]."""
+        displacement, quantity = self.gaps(solved, self.truths[-1])
+        return displacement, abs(quantity)
 
-    cells: int
-    at_coarse_points: Points
-    quantity: float
-    critical_time_step: float = float("nan")
+    @property
+    def pair(self) -> tuple[Solved, Solved]:
+        """The finest uniform mesh, and the finest graded one with at most a fifth of its cells."""
+        uniform = self.families["uniform"][-1]
+        few = [s for s in self.families["graded"] if s.cells <= PART_OF_CELLS * uniform.cells]
+        return uniform, few[-1]
 
-    def gaps(self, other: _Answer, truth: _Answer) -> tuple[float, float]:
-        """How far two are apart, over the truth; the scalar with its sign."""
-        apart = np.linalg.norm(self.at_coarse_points - other.at_coarse_points)
-        scale = np.linalg.norm(truth.at_coarse_points)
-        return float(apart / scale), (self.quantity - other.quantity) / truth.quantity
+    @property
+    def bars(self) -> tuple[float, float]:
+        """How far the truth's displacement and scalar may be off, in the errors' units."""
+        (u1, q1), (u2, q2) = (self.gaps(b, a) for a, b in pairwise(self.truths))
+        return remainder(u1, u2), remainder(abs(q1), abs(q2))
 
 
 def follow(scene: Scene, progress: Progress) -> Curves:
-    """Solve both families by fastsim, the truth by the reference, and measure.
+    """Solve both families by fastsim, the truth by the reference.
 
     Raises:
         ReferenceFailedError: No truth: FEniCSx is missing or a solve failed.
     """
     first, count = scene.problem, scene.problem.mesh.num_points
-    answers: dict[str, list[_Answer]] = {kind: [] for kind in MOST_CELLS}
+    families: dict[str, list[Solved]] = {kind: [] for kind in MOST_CELLS}
     problems: list[Problem] = []
-    for kind, found in answers.items():
+    for kind, found in families.items():
         graded = GradedMesh(first.mesh)
         while True:
             carried = carry_problem(first, graded)
-            displacement, quantity = scene.solve(carried)
+            displacement, quantity = solve(carried)
             body = Body(carried.mesh, first.material)
             step = body.critical_time_step()
-            found.append(_Answer(len(graded.cells), displacement[:count], quantity, step))
+            found.append(Solved(len(graded.cells), displacement[:count], quantity, step))
             progress(f"{scene.title}, {kind}: {len(graded.cells)} cells solved by fastsim")
             if kind == "uniform":
                 marks = np.ones(len(graded.cells), dtype=bool)
@@ -237,9 +228,29 @@ def follow(scene: Scene, progress: Progress) -> Curves:
     truths = []
     for fine in choose_truths(problems, scene.truth_cells, scene.truth_ratio):
         progress(f"{scene.title}, truth: P2 on {fine.mesh.num_cells} graded cells")
-        displacement, quantity = scene.solve_truth(fine)
-        truths.append(_Answer(fine.mesh.num_cells, displacement[:count], quantity))
-    return _measure(scene, answers, truths)
+        displacement, quantity = solve_truth(fine)
+        truths.append(Solved(fine.mesh.num_cells, displacement[:count], quantity))
+    return Curves(scene.title, scene.quantity, families, truths)
+
+
+def solve(problem: Problem) -> tuple[Points, float]:
+    """Displacement and the scene's scalar by fastsim."""
+    if problem.tools:
+        found = solve_contact(problem)
+        return found.displacements[-1], float(np.linalg.norm(found.forces[-1, 0]))
+    displacement = solve_static(problem).displacement
+    return displacement, volume_change(problem.mesh, displacement)
+
+
+def solve_truth(problem: Problem) -> tuple[Points, float]:
+    """Displacement and the scene's scalar by the reference's quadratic tetrahedra."""
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import StaticTask
+
+    found = run_task(StaticTask(degree=2), problem)
+    if problem.tools:
+        return found.displacement, float(np.linalg.norm(found.tools[0].forces[-1]))
+    return found.displacement, found.volume / problem.mesh.volume - 1.0
 
 
 def choose_truths(problems: list[Problem], most_cells: int, ratio: float) -> list[Problem]:
@@ -261,29 +272,6 @@ def cells_for_error(cells: Sequence[int], errors: Sequence[float], wanted: float
     return float(np.exp(np.interp(np.log(wanted), e, np.log(cells)[::-1])))
 
 
-def _measure(scene: Scene, answers: dict[str, list[_Answer]], truths: list[_Answer]) -> Curves:
-    truth = truths[-1]
-    families = {
-        kind: [Point(a.cells, *a.gaps(truth, truth), a.critical_time_step) for a in found]
-        for kind, found in answers.items()
-    }
-    uniform, graded = families["uniform"], families["graded"]
-    most = PART_OF_CELLS * uniform[-1].cells
-    chosen = max(k for k, p in enumerate(graded) if p.cells <= most)
-    apart, between = answers["uniform"][-1].gaps(answers["graded"][chosen], truth)
-    changes = [b.gaps(a, truth) for a, b in pairwise(truths)]
-    (u1, q1), (u2, q2) = changes
-    return Curves(
-        scene.title,
-        scene.quantity,
-        families,
-        (uniform[-1], graded[chosen]),
-        (apart, abs(between)),
-        (remainder(u1, u2), remainder(abs(q1), abs(q2))),
-        tuple(t.cells for t in truths),
-    )
-
-
 def remainder(first: float, second: float) -> float:
     """What is left after two successive changes that shrink like a geometric series.
 
@@ -299,6 +287,16 @@ FORCE = (-0.15, 0.04, -0.06)  # [N]: 1.6 mm deep; not along an axis, so that fau
 MATERIAL = Material(10e3, 0.3)
 RADIUS, SPHERE_BODY = 0.01, Material(5000.0, 0.3)
 DEPTH = 0.05  # radii
+
+
+def contact_radius(depth: float, radius: float) -> float:
+    """Contact radius of Hertz [m], of a sphere in a half space, for small a / R.
+
+    Johnson 1985, "Contact Mechanics", section 4.2.
+    """
+    return math.sqrt(radius * depth)
+
+
 # A quarter block of twenty contact radii: the finest uniform mesh has about one edge to a contact
 # radius, of the coarsest (each side cut in four) a single point touches.
 WIDTH = 20.0 * contact_radius(DEPTH * RADIUS, RADIUS)
@@ -329,7 +327,7 @@ def sphere_into_block(mesh: TetMesh, depths: Sequence[float]) -> Problem:
 
 
 def push_scene() -> Scene:
-    """The kidney, its lower half held, pushed on a patch of the upper half's side."""
+    """The kidney, its lower half fixed, pushed on a patch of the upper half's side."""
     mesh = mesh_surface(shape_kidney(edge_length=COARSE_EDGE))
     facets = mesh.boundary_facets
     corners = mesh.points[facets]
@@ -340,24 +338,7 @@ def push_scene() -> Scene:
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     x, y, z = (np.array(FORCE) / area).tolist()
     problem = Problem(mesh, MATERIAL, (foot,), (Traction(facets[near], (x, y, z)),))
-
-    def solve(problem: Problem) -> Solved:
-        displacement = solve_static(problem).displacement
-        return displacement, volume_change(problem.mesh, displacement)
-
-    def solve_truth(problem: Problem) -> Solved:
-        found = _by_quadratics(problem)
-        return found.displacement, found.volume / problem.mesh.volume - 1.0
-
-    title = "kidney pushed on a patch"
-    return Scene(title, "change of volume", problem, solve, solve_truth, 32_000, 2.2)
-
-
-def _by_quadratics(problem: Problem) -> ReferenceResult:
-    from palpate.reference.child import run_task
-    from palpate.reference.tasks import StaticTask
-
-    return run_task(StaticTask(degree=2), problem)
+    return Scene("kidney pushed on a patch", problem, 32_000, 2.2)
 
 
 def hertz_scene() -> Scene:
@@ -365,18 +346,7 @@ def hertz_scene() -> Scene:
     coarse = GradedMesh(quarter_cube(WIDTH))
     for _ in range(_FIRST_BISECTIONS):
         coarse.refine(np.ones(len(coarse.cells), dtype=bool))
-    problem = sphere_into_block(coarse.mesh, (0.0, DEPTH))
-
-    def solve(problem: Problem) -> Solved:
-        found = solve_contact(problem)
-        return found.displacements[-1], float(np.linalg.norm(found.forces[-1, 0]))
-
-    def solve_truth(problem: Problem) -> Solved:
-        found = _by_quadratics(problem)
-        return found.displacement, float(np.linalg.norm(found.tools[0].forces[-1]))
-
-    title = "sphere into a block"
-    return Scene(title, "contact force", problem, solve, solve_truth, 4_000, 1.8)
+    return Scene("sphere into a block", sphere_into_block(coarse.mesh, (0.0, DEPTH)), 4_000, 1.8)
 
 
 class Found(NamedTuple):
@@ -422,24 +392,25 @@ def judge_growth(growths: Sequence[Growth]) -> list[Finding]:
 def judge_curves(curves: Curves) -> list[Finding]:
     """Is the graded mesh, with a fifth of the cells, at least as near the truth?
 
-    With u and g the two answers, t the truth as computed and t + d the truth:
+    With u and g the two solutions, t the truth as computed and t + d the truth:
     |u - t - d|^2 - |g - t - d|^2 = |u - t|^2 - |g - t|^2 - 2 (u - g) . d, and the last term is at
     most twice the gap between the two times the truth's bar.
     """
     one, other = curves.pair
+    family = curves.families["graded"]
+    gaps, bars = curves.gaps(one, other), curves.bars
     findings = []
-    measured = zip(one.errors, other.errors, curves.gaps, curves.bars, strict=True)
-    for k, (name, (uniform, graded, gap, bar)) in enumerate(
-        zip(curves.names, measured, strict=True)
-    ):
+    for k, name in enumerate(curves.names):
+        uniform, graded = curves.errors(one)[k], curves.errors(other)[k]
+        gap, bar = abs(gaps[k]), bars[k]
         lead, doubt = uniform**2 - graded**2, 2.0 * gap * bar
         if lead > doubt:
             verdict = Verdict.PASSED
         else:
             verdict = Verdict.FAILED if lead < -doubt else Verdict.INCONCLUSIVE
-        family = curves.families["graded"]
-        cells, errors = [p.cells for p in family], [p.errors[k] for p in family]
-        needed = cells_for_error(cells, errors, uniform)
+        needed = cells_for_error(
+            [s.cells for s in family], [curves.errors(s)[k] for s in family], uniform
+        )
         findings.append(
             Finding(
                 f"{curves.title}, {name}: {other.cells} graded cells are as near the truth "
@@ -479,12 +450,11 @@ def curves_table(curves: Curves) -> Table:
     """Every mesh with its errors, critical time step and cost."""
     columns = {"mesh": "", "cells": "d", "displacement error [%]": ".2f"}
     columns |= {f"error of the {curves.quantity} [%]": "+.2f", "critical step [us]": ".2f"}
-    rows = [
-        (kind, p.cells, 100 * p.displacement_error, 100 * p.quantity_error,
-         1e6 * p.critical_time_step, p.cost)
-        for kind, family in curves.families.items()
-        for p in family
-    ]  # fmt: skip
+    rows = []
+    for kind, family in curves.families.items():
+        for p in family:
+            errors = (100 * error for error in curves.gaps(p, curves.truths[-1]))
+            rows.append((kind, p.cells, *errors, 1e6 * p.critical_time_step, p.cost))
     return Table(_heading(curves), {**columns, "cells x steps of a second": ".2e"}, rows)
 
 
@@ -509,38 +479,40 @@ def draw_curves(curves: Curves) -> Figure:
     """Errors over cells and over cost."""
     rows = []
     for k, (name, bar) in enumerate(zip(curves.names, curves.bars, strict=True)):
-        lowest = min(p.errors[k] for family in curves.families.values() for p in family)
-        rows.append(
-            [
+        errors = {
+            kind: [100 * curves.errors(p)[k] for p in family]
+            for kind, family in curves.families.items()
+        }
+        lowest = min(min(each) for each in errors.values())
+        panels = []
+        for what, words in (("cells", "cells"), ("cost", "cells x steps of a simulated second")):
+            lines = [
+                Line(
+                    [float(getattr(p, what)) for p in curves.families[kind]],
+                    errors[kind],
+                    label=kind,
+                    colour=colour,
+                )
+                for kind, colour in (("uniform", BLUE), ("graded", RED))
+            ]
+            panels.append(
                 Panel(
-                    [
-                        Line(
-                            [float(getattr(p, what)) for p in curves.families[kind]],
-                            [100 * p.errors[k] for p in curves.families[kind]],
-                            label=kind,
-                            colour=colour,
-                        )
-                        for kind, colour in (("uniform", BLUE), ("graded", RED))
-                    ],
+                    lines,
                     x=words,
                     y=f"error of the {name} [%]",
                     log="xy",
                     band=(1e-9, 100 * bar),
                     places={p.cells: "" for p in curves.pair} if what == "cells" else {},
-                    y_range=(100 * min(lowest, bar) / 1.5, None),
+                    y_range=(min(lowest, 100 * bar) / 1.5, None),
                 )
-                for what, words in (
-                    ("cells", "cells"),
-                    ("cost", "cells x steps of a simulated second"),
-                )
-            ]
-        )
+            )
+        rows.append(panels)
     return line_figure(
         rows,
         f"{_heading(curves)}: error against the truth (P2 on graded meshes of "
-        f"{', '.join(map(str, curves.truth_cells))} cells; grey: its error bar). Dotted: the two "
-        "meshes compared. Right: smaller cells also mean shorter steps, so an explicit run gains "
-        "less.",
+        f"{', '.join(str(t.cells) for t in curves.truths)} cells; grey: its error bar). Dotted: "
+        "the two meshes compared. Right: smaller cells also mean shorter steps, so an explicit run "
+        "gains less.",
         shares_legend=True,
     )
 

@@ -24,20 +24,20 @@ own, an artificial spring or bulk term that does not scale, fails them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from palpate.fastsim.statics import solve_static
+from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.transforms import scale_loads
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import GridConvergence
 from palpate.validation.report.plots import BLUE, GREY, OCHRE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.closed_forms import Solve, changed
 from palpate.validation.studies.kidney import (
     QUANTITIES,
     Response,
@@ -118,7 +118,7 @@ def compute(progress: Progress) -> Found:
 
 
 def follow_inputs(
-    problem: Problem, progress: Progress, *, solve: Solve = solve_static
+    problem: Problem, progress: Progress, *, solve: Callable[..., StaticResult] = solve_static
 ) -> InputResponses:
     """Solve with each input down and up, with linear strain, and with modulus and load raised.
 
@@ -146,6 +146,15 @@ def follow_inputs(
         linear=respond(problem, Strain.LINEAR),
         scaling_error=float(gap / np.linalg.norm(rest, axis=1).max()),
     )
+
+
+def changed(problem: Problem, name: str, factor: float) -> Problem:
+    """The problem with one of `INPUTS` multiplied."""
+    if name == "load":
+        return scale_loads(problem, factor)
+    field = {"Young's modulus": "youngs_modulus", "Poisson's ratio": "poissons_ratio"}[name]
+    value = factor * getattr(problem.material, field)
+    return replace(problem, material=replace(problem.material, **{field: value}))
 
 
 def make_budget(

@@ -10,6 +10,8 @@ from typing import Generic, TypeVar
 
 from rich.console import Console
 
+from palpate.meshes.arrays import Points
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
@@ -48,6 +50,11 @@ class Study(Generic[Found]):
         return leave(
             folder, console, name=name, title=self.title, about=about, findings=findings, page=page
         )
+
+
+def volume_change(mesh: TetMesh, displacement: Points) -> float:
+    """Change of volume over the rest volume [-]."""
+    return float(signed_volumes(mesh.points + displacement, mesh.cells).sum()) / mesh.volume - 1.0
 
 
 # A case of the paper as a study: its checks are the findings, its report is the page.

@@ -29,7 +29,7 @@ from palpate.validation.references.runs import solve_by_steps, solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
-from palpate.validation.studies.sweep_runs import VaryError
+from palpate.validation.studies.sweep_runs import VaryError, read_values
 
 ITERATIONS, TIME_STEP = "iterations", "time_step"
 CLAIM = "more iterations and shorter steps bring it to the law it states"
@@ -40,24 +40,28 @@ _STILL_FALLS = 0.5
 
 @dataclass(frozen=True)
 class Trial:
-    """One answer of the simulator.
+    """One run of the simulator.
 
     Attributes:
-        iterations: That it was told.
-        time_step: That it was asked for [s]; None in statics.
+        iterations: Number that it was given.
+        time_step: Step that it was asked for [s]; None in statics.
         error: From the reference on the same mesh by the same scheme and step, relative in L2 (of
-            a motion at the worst time) [-]; None where there is no answer.
+            a motion at the worst time) [-]; infinite where there is no result.
         damping: Numerical, where its motion swings long enough.
         seconds: Of the simulator.
-        trouble: Why there is no answer.
+        trouble: Why there is no result.
     """
 
     iterations: int
     time_step: float | None
-    error: float | None
+    error: float = math.inf
     damping: NumericalDamping | None = None
     seconds: float = 0.0
     trouble: str = ""
+
+    def __str__(self) -> str:
+        step = "" if self.time_step is None else f", steps of {self.time_step:g} s"
+        return f"{self.iterations} iterations{step}"
 
 
 def read_moves(vary: Sequence[str]) -> tuple[tuple[int, ...], tuple[float | None, ...]]:
@@ -71,18 +75,13 @@ def read_moves(vary: Sequence[str]) -> tuple[tuple[int, ...], tuple[float | None
     """
     moves: dict[str, tuple[float, ...]] = {}
     for words in vary:
-        key, _, text = (part.strip() for part in words.partition("="))
+        key = words.partition("=")[0].strip()
         if key not in (ITERATIONS, TIME_STEP) or key in moves:
             raise VaryError(words, f"a simulator is varied by {ITERATIONS} and {TIME_STEP}, once")
-        try:
-            values = tuple(float(word) for word in text.split(","))
-        except ValueError:
-            raise VaryError(words, "write numbers: VALUE,VALUE,...") from None
+        values = read_values(words)
         is_whole = key != ITERATIONS or all(value.is_integer() for value in values)
-        if not is_whole or not all(math.isfinite(v) and v > 0.0 for v in values):
+        if not is_whole or min(values) <= 0.0:
             raise VaryError(words, "needs values above 0, of iterations whole ones")
-        if len(set(values)) < len(values):
-            raise VaryError(words, "gives a value twice")
         moves[key] = values
     if ITERATIONS not in moves:
         raise InputError("say how many iterations: --vary iterations=2,8,32")
@@ -111,7 +110,7 @@ def run_trials(
     Raises:
         InputError: A step that the outputs are not whole numbers of apart, or a command, case or
             scheme that cannot be used.
-        ReferenceFailedError: The reference has no answer on the same mesh.
+        ReferenceFailedError: The reference has no result on the same mesh.
     """
     known: dict[tuple[Steps | None, object], State] = {}
     trials = []
@@ -119,13 +118,13 @@ def run_trials(
         program = dataclasses.replace(
             simulator, iterations=many, integrator=integrator, time_step=step
         )
-        candidate = outside_candidate(program)
         asked = program.stepped(case.problem).time
         stated = None if asked is None else asked.time_step
+        candidate = outside_candidate(program)
         try:
             state = candidate.solve(case.problem, case.strain, progress)
         except CandidateFailedError as error:
-            trials.append(Trial(many, stated, None, trouble=str(error)))
+            trials.append(Trial(many, stated, trouble=str(error)))
             continue
         steps = state.steps
         if steps is None and stated is not None:
@@ -133,8 +132,9 @@ def run_trials(
         if (steps, state.element) not in known:
             known[steps, state.element] = _reference(case, steps, state, progress)
         metric = "displacement_l2" if steps is None else "trajectory_l2"
-        error_left = measure(metric, case.problem, state, known[steps, state.element]).value
-        trials.append(Trial(many, stated, error_left, _damping(case, state), seconds=state.seconds))
+        left = measure(metric, case.problem, state, known[steps, state.element]).value
+        error_left = left if math.isfinite(left) else math.inf
+        trials.append(Trial(many, stated, error_left, _damping(case, state), state.seconds))
     return trials
 
 
@@ -156,6 +156,13 @@ def _damping(case: Case, state: State) -> NumericalDamping | None:
         return None
 
 
+def _by_step(trials: Sequence[Trial]) -> dict[float | None, list[Trial]]:
+    """Those that have a result, by time step, from the fewest iterations on."""
+    solved = sorted((t for t in trials if math.isfinite(t.error)), key=lambda t: t.iterations)
+    steps = dict.fromkeys(t.time_step for t in trials)
+    return {step: [t for t in solved if t.time_step == step] for step in steps}
+
+
 def judge(trials: Sequence[Trial], limit: float) -> Finding:
     """Whether it comes to the law it states.
 
@@ -163,56 +170,44 @@ def judge(trials: Sequence[Trial], limit: float) -> Finding:
         trials: Of every step with every number of iterations.
         limit: What counts as come to it, relative [-].
     """
-    answered = [t for t in trials if t.error is not None and math.isfinite(t.error)]
-    if not answered:
+    best = min(trials, key=lambda t: t.error)
+    if not math.isfinite(best.error):
         why = next((f": {t.trouble}" for t in trials if t.trouble), "")
         return Finding(CLAIM, f"no answer in {len(trials)} runs{why}", Verdict.FAILED)
-    best = min(answered, key=_error)
-    found = f"least error {_error(best):.2g} ({_place(best)}), limit {limit:g}"
-    if _error(best) <= limit:
+    found = f"least error {best.error:.2g} ({best}), limit {limit:g}"
+    if best.error <= limit:
         return Finding(CLAIM, found, Verdict.PASSED)
-    falling = _still_falling(answered)
+    # At the shortest step and the most iterations.
+    rows = {step or 0.0: row for step, row in _by_step(trials).items() if row}
+    more = rows[min(rows)]
+    ordered = (rows[step] for step in sorted(rows, reverse=True))
+    shorter = [t for row in ordered for t in row if t.iterations == more[-1].iterations]
+    falling = [
+        words
+        for words, row in (("more iterations", more), ("shorter steps", shorter))
+        if len(row) > 1 and row[-1].error <= _STILL_FALLS * row[-2].error
+    ]
     if falling:
-        return Finding(CLAIM, f"{found}; still falling with {falling}", Verdict.INCONCLUSIVE)
-    return Finding(
-        CLAIM,
-        f"{found}; it does not converge to the law it states: neither the last more iterations nor "
-        "the last shorter steps halved what is left",
-        Verdict.FAILED,
+        found += f"; still falling with {' and '.join(falling)}"
+        return Finding(CLAIM, found, Verdict.INCONCLUSIVE)
+    found += (
+        "; it does not converge to the law it states: neither the last more iterations nor the "
+        "last shorter steps halved what is left"
     )
-
-
-def _still_falling(answered: Sequence[Trial]) -> str:
-    """What still brought the error down, at the most iterations and the shortest step."""
-    shortest = min(t.time_step or 0.0 for t in answered)
-    at_step = sorted(
-        (t for t in answered if (t.time_step or 0.0) == shortest), key=lambda t: t.iterations
-    )
-    last = at_step[-1]
-    at_most = sorted(
-        (t for t in answered if t.iterations == last.iterations),
-        key=lambda t: -(t.time_step or 0.0),
-    )
-    words = []
-    for what, row in (("more iterations", at_step), ("shorter steps", at_most)):
-        if len(row) > 1 and _error(row[-1]) <= _STILL_FALLS * _error(row[-2]):
-            words.append(what)
-    return " and ".join(words)
+    return Finding(CLAIM, found, Verdict.FAILED)
 
 
 def remarks_on(trials: Sequence[Trial]) -> list[str]:
     """For each step, what is left with the most iterations, and whether they are what it wants."""
     lines = []
-    for step in dict.fromkeys(t.time_step for t in trials):
-        row = [t for t in trials if t.time_step == step and t.error is not None]
+    for row in _by_step(trials).values():
         if len(row) < 2:
             continue
-        row.sort(key=lambda t: t.iterations)
-        last, before = row[-1], row[-2]
-        line = f"{_place(last)}: {_error(last):.2g} is left"
-        if _error(last) > _STILL_FALLS * _error(before):
+        before, last = row[-2:]
+        line = f"{last}: {last.error:.2g} is left"
+        if last.error > _STILL_FALLS * before.error:
             line += (
-                f", against {_error(before):.2g} with {before.iterations}: more iterations are not "
+                f", against {before.error:.2g} with {before.iterations}: more iterations are not "
                 "what it wants for"
             )
         if last.damping is not None:
@@ -254,6 +249,7 @@ def sweep_iterations(
         "the same mesh by its own scheme at its own step, each step solved to 1e-10.",
         *remarks_on(trials),
     ]
+    figures, tables = {"error": _draw(trials, limit, folder)}, {"iterations": table(trials)}
     return leave(
         folder,
         console,
@@ -261,62 +257,33 @@ def sweep_iterations(
         title=f"{simulator.name} on {case.name}: iterations and steps",
         about=about,
         findings=[judge(trials, limit)],
-        page=Page(
-            figures={"error": draw(trials, limit, folder)}, tables={"iterations": table(trials)}
-        ),
+        page=Page(figures=figures, tables=tables),
     )
 
 
 def table(trials: Sequence[Trial]) -> Table:
     """Every trial."""
-    return Table(
-        "Every run",
-        {
-            "time step [s]": "g",
-            "iterations": "d",
-            "error [-]": ".3g",
-            "damping ratio by the scheme [-]": ".3g",
-            "damping ratio measured [-]": ".3g",
-            "seconds": ".3g",
-            "no answer because": "",
-        },
-        [
-            (
-                t.time_step,
-                t.iterations,
-                t.error,
-                t.damping.formula if t.damping else None,
-                t.damping.measured if t.damping else None,
-                t.seconds,
-                t.trouble,
-            )
-            for t in trials
-        ],
-    )
+    columns = {"time step [s]": "g", "iterations": "d", "error [-]": ".3g"}
+    columns |= {f"damping ratio {how} [-]": ".3g" for how in ("by the scheme", "measured")}
+    columns |= {"seconds": ".3g", "no answer because": ""}
+    rows = []
+    for t in trials:
+        damping = (t.damping.formula, t.damping.measured) if t.damping else (None, None)
+        error = None if t.trouble else t.error
+        rows.append((t.time_step, t.iterations, error, *damping, t.seconds, t.trouble))
+    return Table("Every run", columns, rows)
 
 
-def draw(trials: Sequence[Trial], limit: float, folder: Path) -> Figure:
+def _draw(trials: Sequence[Trial], limit: float, folder: Path) -> Figure:
     """Error over iterations, a line for each step."""
     lines = []
-    for step in dict.fromkeys(t.time_step for t in trials):
-        row = [t for t in trials if t.time_step == step and t.error]
-        row.sort(key=lambda t: t.iterations)
+    for step, row in _by_step(trials).items():
         label = "equilibrium" if step is None else f"steps of {step:g} s"
         if row:
-            lines.append(Line([t.iterations for t in row], [_error(t) for t in row], label))
+            lines.append(Line([t.iterations for t in row], [t.error for t in row], label))
     panel = Panel(lines, x="iterations in a step", y="error [-]", log="xy", levels=(limit,))
     caption = (
         "Distance from the reference on the same mesh by the same scheme and step, each step "
         f"solved, relative in L2, at the worst time. Dotted: {limit:g}."
     )
     return line_figure([[panel]], caption, shares_legend=False, pdf=folder / "error.pdf")
-
-
-def _error(trial: Trial) -> float:
-    assert trial.error is not None
-    return trial.error
-
-
-def _place(trial: Trial) -> str:
-    step = "" if trial.time_step is None else f", steps of {trial.time_step:g} s"
-    return f"{trial.iterations} iterations{step}"

@@ -68,24 +68,21 @@ class Variant:
     case: Case
 
 
-def read_axis(words: str, case: Case) -> Axis:
-    """`material.poissons_ratio=0.3,0.4` or `load[0].factor=0.1:2:10` (first, last, how many).
+def read_values(words: str) -> tuple[float, ...]:
+    """The numbers of `KEY=0.3,0.4` or `KEY=0.1:2:10` (first, last, how many).
 
     Raises:
-        VaryError: An unknown key, which gets a suggestion, or values that are no numbers.
+        VaryError: No numbers, none at all, or one twice.
     """
-    key, equals, text = (part.strip() for part in words.partition("="))
+    _, equals, text = (part.strip() for part in words.partition("="))
     if not equals or not text:
         raise VaryError(words, "write KEY=FIRST:LAST:COUNT or KEY=VALUE,VALUE,...")
-    known = _known_keys(case)
-    if key not in known:
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
-        raise VaryError(words, f"the case gives no number {key!r}; {hint}")
     try:
         if ":" in text:
             first, last, count = text.split(":")
-            values = _spread(float(first), float(last), int(count))
+            n = int(count) if 2 <= int(count) <= MOST_RUNS else 0
+            start, width = float(first), float(last) - float(first)
+            values = tuple(start + width * k / (n - 1) for k in range(n))
         else:
             values = tuple(float(word) for word in text.split(","))
     except (ValueError, OverflowError):
@@ -94,7 +91,22 @@ def read_axis(words: str, case: Case) -> Axis:
         raise VaryError(words, "needs finite numbers, and a count from 2 to 10000")
     if len(set(values)) < len(values):
         raise VaryError(words, "gives a value twice")
-    return Axis(key, values)
+    return values
+
+
+def read_axis(words: str, case: Case) -> Axis:
+    """`material.poissons_ratio=0.3,0.4` or `load[0].factor=0.1:2:10` (first, last, how many).
+
+    Raises:
+        VaryError: An unknown key, which gets a suggestion, or values that are no numbers.
+    """
+    key, equals, _ = (part.strip() for part in words.partition("="))
+    known = _known_keys(case)
+    if equals and key not in known:
+        near = difflib.get_close_matches(key, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+        raise VaryError(words, f"the case gives no number {key!r}; {hint}")
+    return Axis(key, read_values(words))
 
 
 def variants(case: Case, axes: Sequence[Axis]) -> list[Variant]:
@@ -129,12 +141,6 @@ def variants(case: Case, axes: Sequence[Axis]) -> list[Variant]:
         _ = variant.problem
         made.append(Variant(values, variant))
     return made
-
-
-def _spread(first: float, last: float, count: int) -> tuple[float, ...]:
-    if not 2 <= count <= MOST_RUNS:
-        return ()
-    return tuple(first + (last - first) * k / (count - 1) for k in range(count))
 
 
 def _known_keys(case: Case) -> list[str]:
@@ -296,25 +302,25 @@ def run_all(
         ReferenceUnavailableError: The reference is asked for, and not there.
         InputError: A problem that one of them cannot be asked, or a scheduler of no use.
     """
-    chains: list[_Chain] = []
+    chains = []
     rows = _loads_from_the_smallest(found) if axes[0].is_load else [[v] for v in found]
     for simulator, element, strain in product(simulators, elements, Strain):
         if simulator is Simulator.CONDENSED and strain is not Strain.LINEAR:
             continue  # all that it knows
         for row in rows:
-            given = [(variant.values, variant.case.problem) for variant in row]
+            problems = [(variant.values, variant.case.problem) for variant in row]
             units = row[0].case.spec.units
-            chains.append(_Chain(axes, given, units, simulator, element, strain, device))
+            chains.append((axes, problems, units, simulator, element, strain, device))
     if scheduler is not None:
         with cluster(scheduler) as pool:
-            waiting = [pool.submit(_Chain.run, chain) for chain in chains]
+            waiting = [pool.submit(solve_row, *chain) for chain in chains]
             for count, future in enumerate(as_completed(waiting), start=1):
                 last = future.result()[-1]
                 line = f"{last.who}, {last.strain} strain: {count} of {len(chains)} rows done"
                 progress(line)
             return [run for future in waiting for run in future.result()]
     with ThreadPoolExecutor(jobs) as pool:  # both leave Python while they solve
-        waiting = [pool.submit(chain.run, progress) for chain in chains]
+        waiting = [pool.submit(solve_row, *chain, progress) for chain in chains]
         try:
             return [run for future in waiting for run in future.result()]
         except BaseException:
@@ -333,51 +339,45 @@ def _loads_from_the_smallest(found: Sequence[Variant]) -> list[list[Variant]]:
     return [row for row in rows if row]
 
 
-@dataclass(frozen=True, eq=False)
-class _Chain:
-    """Variants, by values and problem, that are solved one after the other.
+def solve_row(
+    axes: Sequence[Axis],
+    row: Sequence[tuple[tuple[float, ...], Problem]],
+    units: Units,
+    simulator: Simulator,
+    element: Element,
+    strain: Strain,
+    device: str = "cpu",
+    progress: Progress = in_silence,
+) -> list[Run]:
+    """Solve variants, by values and problem, one after the other, up to where equilibrium ends.
 
-    Plain data, that another machine can have.
+    All of it is plain data, which another machine can have.
     """
-
-    axes: Sequence[Axis]
-    row: Sequence[tuple[tuple[float, ...], Problem]]
-    units: Units
-    simulator: Simulator
-    element: Element
-    strain: Strain
-    device: str = "cpu"
-
-    def _solve(self, problem: Problem) -> State:
-        ask = functools.partial(solve, problem, strain=self.strain, element=self.element)
-        if self.device == "cpu" or self.simulator is not Simulator.FASTSIM:
-            return ask(with_=self.simulator)
-        method = Method.NEWTON if problem.time is not None else Method.RELAXATION
-        return ask(method=method, device=self.device)
-
-    def run(self, progress: Progress = in_silence) -> list[Run]:
-        """Solve them, up to where equilibrium ends."""
-        runs: list[Run] = []
-        end = ""
-        for values, problem in self.row:
-            run = functools.partial(Run, values, self.simulator, self.element, self.strain)
-            if end:
-                runs.append(run(None, end, was_tried=False))
-                continue
-            place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self.axes, values, strict=True))
-            kind = f"{self.element} tetrahedra, {self.strain} strain"
-            progress(f"{self.simulator}, {kind}, {place}")
-            try:
-                found = self._solve(problem)
-                # A table and figures need no stresses, which are most of a state.
-                runs.append(run(dataclasses.replace(found, stresses=None)))
-            except ReferenceUnavailableError:
-                raise
-            except (CandidateFailedError, ReferenceFailedError) as error:
-                runs.append(run(None, self.units.in_case_units(str(error))))
-                if self.axes[0].is_load:
-                    end = f"not tried: no answer at {self.axes[0].key} = {values[0]:g}"
-        return runs
+    ask = functools.partial(solve, strain=strain, element=element, with_=simulator)
+    runs: list[Run] = []
+    end = ""
+    for values, problem in row:
+        run = functools.partial(Run, values, simulator, element, strain)
+        if end:
+            runs.append(run(None, end, was_tried=False))
+            continue
+        where = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, values, strict=True))
+        progress(f"{simulator}, {element} tetrahedra, {strain} strain, {where}")
+        try:
+            if device == "cpu" or simulator is not Simulator.FASTSIM:
+                found = ask(problem)
+            else:
+                method = Method.NEWTON if problem.time is not None else Method.RELAXATION
+                found = ask(problem, method=method, device=device)
+            # A table and figures need no stresses, which are most of a state.
+            runs.append(run(dataclasses.replace(found, stresses=None)))
+        except ReferenceUnavailableError:
+            raise
+        except (CandidateFailedError, ReferenceFailedError) as error:
+            runs.append(run(None, units.in_case_units(str(error))))
+            if axes[0].is_load:
+                end = f"not tried: no answer at {axes[0].key} = {values[0]:g}"
+    return runs
 
 
 def linear_error(run: Run, runs: Sequence[Run]) -> float | None:

@@ -18,12 +18,12 @@ import math
 import numpy as np
 
 from calibration_recipe.answers import Answer, answer_in_time, answer_of
+from calibration_recipe.shapes import confined_modulus
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.bricks import brick_box, held, rollers, side
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
-from palpate.validation.studies.closed_forms import confined_modulus
 
 _LENGTH = 1.0
 _GAUSS = np.polynomial.legendre.leggauss(24)  # type: ignore[no-untyped-call]

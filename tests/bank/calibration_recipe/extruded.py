@@ -24,8 +24,8 @@ from calibration_recipe.plane import (
     Plane,
     PlaneLoads,
     PlaneNotConvergedError,
+    Section,
 )
-from calibration_recipe.plane_grid import Section
 from calibration_recipe.shapes import shape_mesh
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import (

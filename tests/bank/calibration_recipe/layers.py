@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from calibration_recipe.answers import Answer, answer_of
+from calibration_recipe.shapes import confined_modulus
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, rollers, side
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.studies.closed_forms import confined_modulus
 
 _LENGTH, _BRICKS = 1.0, 4
 _TERMS = 3000

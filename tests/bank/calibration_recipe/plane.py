@@ -9,32 +9,123 @@ Hooke's law, or with finite strain by Newton's method Saint-Venant-Kirchhoff's (
 stable neo-Hookean one. Strains grow without bound towards a clamped corner; where it is pressed the
 first gives way there, and free surfaces of the second crease (M. A. Biot, Appl. Sci. Res. A 12,
 1963): grids fine enough to see it find no equilibrium, or another one. Smaller loads put it farther
-in. Nothing is shared with the reference: the linear systems are solved element by element, then
-from one column of elements to the next.
+in. Nothing is shared with the reference.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import spsolve
 
-from calibration_recipe.plane_grid import (
-    Section,
-    graded,
-    lagrange,
-    lobatto,
-)
-from calibration_recipe.plane_laws import stress_of
+from calibration_recipe.shapes import confined_modulus
 from palpate.meshes.arrays import Floats
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
 
 _MOST_ITERATIONS, _SMALLEST_STEP = 20, 0.1
 _CONVERGED = 1e-11
 # No component of the displacement's gradient changes by more in a step of Newton's method.
 _STEEPEST = 0.3
+
+
+# Of the sizes of neighbouring quadrilaterals.
+_FALL = 0.2
+
+
+@dataclass(frozen=True)
+class Section:
+    """What is extruded: bricks of a grid, some of them left out, and where they really lie.
+
+    Attributes:
+        x: Lines of the grid, rising; every corner of the outline lies on one.
+        z: Likewise.
+        is_solid: Which bricks are there, shape (len(x) - 1, len(z) - 1).
+        place: From the grid to the rest places [m], (..., 2) for (..., 2); bilinear.
+    """
+
+    x: Floats
+    z: Floats
+    is_solid: NDArray[np.bool_]
+    place: Callable[[Floats], Floats]
+
+
+def graded(lines: Floats, layers: int) -> Floats:
+    """Lines of elements: falling sizes towards each line, even ones between."""
+    least = float(np.diff(lines).min())
+    found = [lines[:1]]
+    for a, b in itertools.pairwise(lines):
+        reach = 0.4 * min(b - a, 2.0 * least)
+        near = reach * _FALL ** np.arange(layers)[::-1]
+        middle = b - a - 2.0 * reach
+        pieces = max(1, round(middle / reach))
+        even = a + reach + middle * np.arange(1, pieces) / pieces
+        found.append(np.concatenate([a + near, even, (b - near)[::-1], [b]]))
+    out: Floats = np.concatenate(found)
+    return out
+
+
+def lobatto(degree: int) -> Floats:
+    """Gauss, Lobatto's places in [-1, 1]."""
+    legendre = np.polynomial.legendre
+    series = np.append(np.zeros(degree), 1.0)
+    inside = legendre.legroots(legendre.legder(series))  # type: ignore[no-untyped-call]
+    return np.concatenate([[-1.0], np.sort(inside.real), [1.0]])
+
+
+def lagrange(nodes: Floats, places: Floats) -> tuple[Floats, Floats]:
+    """Polynomials that are one at one node, and their slopes; shape (places, nodes)."""
+    legendre, degree = np.polynomial.legendre, len(nodes) - 1
+    back = np.linalg.inv(legendre.legvander(nodes, degree))  # type: ignore[no-untyped-call]
+    rate = legendre.legder(back)  # type: ignore[no-untyped-call]
+    value = legendre.legvander(places, degree) @ back  # type: ignore[no-untyped-call]
+    slope = legendre.legvander(places, degree - 1) @ rate  # type: ignore[no-untyped-call]
+    return value, slope
+
+
+def stress_of(material: Material, strain: Strain, H: Floats) -> tuple[Floats, Floats]:
+    """First Piola-Kirchhoff stress in plane strain, and its slope.
+
+    Args:
+        material: Young's modulus, Poisson's ratio, and with Green strain the law.
+        strain: Which strain measure.
+        H: Displacement gradients, shape (elements, places, 2, 2).
+
+    Returns:
+        P [Pa], of the same shape, and dP/dH [Pa], two more axes of 2 behind.
+
+    Raises:
+        InputError: A law that is not written here.
+    """
+    if material.law not in (Law.SAINT_VENANT_KIRCHHOFF, Law.NEO_HOOKEAN_STABLE):
+        raise InputError(f"no plane strain here with law = {material.law}")
+    eye, mu = np.eye(2), 0.5 * material.youngs_modulus / (1.0 + material.poissons_ratio)
+    lmbda = confined_modulus(material) - 2.0 * mu
+    F = H + eye
+    if strain is Strain.GREEN and material.law is Law.NEO_HOOKEAN_STABLE:
+        bulk = lmbda + mu
+        turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        cofactor = turn @ F @ turn.T
+        excess = np.linalg.det(F) - 1.0 - mu / bulk
+        P = mu * F + bulk * excess[..., None, None] * cofactor
+        A = bulk * np.einsum("eqij,eqkl->eqijkl", cofactor, cofactor)
+        A += bulk * np.einsum("eq,ik,jl->eqijkl", excess, turn, turn)
+        return P, A + mu * np.einsum("ik,jl->ijkl", eye, eye)
+    C = lmbda * np.einsum("ij,kl->ijkl", eye, eye) + mu * (
+        np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye)
+    )
+    if strain is Strain.LINEAR:
+        P = np.einsum("ijkl,eqkl->eqij", C, H)
+        return P, np.broadcast_to(C, (*H.shape[:2], 2, 2, 2, 2))
+    S = np.einsum("ijkl,eqkl->eqij", C, 0.5 * (np.swapaxes(F, 2, 3) @ F - eye))
+    A = np.einsum("eqia,ajbl,eqkb->eqijkl", F, C, F, optimize=True)
+    return F @ S, A + np.einsum("ik,eqlj->eqijkl", eye, S)
 
 
 class PlaneNotConvergedError(RuntimeError):
@@ -112,10 +203,6 @@ class Plane:
         self.is_held = np.zeros(grid.shape, dtype=bool)
         for name in loads.held:
             self.is_held[self._side(name)] = True
-        inner = np.zeros((p + 1, p + 1), dtype=bool)
-        inner[1:-1, 1:-1] = True
-        self._inner = np.flatnonzero(np.repeat(inner.ravel(), 2))
-        self._outer = np.flatnonzero(np.repeat(~inner.ravel(), 2))
 
     def solve(self, start: Floats | None = None, step: float = 1.0) -> Floats:
         """Displacement at the nodes [m], shape (nodes along x, nodes along z, 2).
@@ -225,62 +312,21 @@ class Plane:
 
     def _step(self, u: Floats, jump: Floats, factor: float) -> Floats:
         """One step of Newton's method; held nodes move by `jump`."""
-        p, M = self.p, self.rows * self.p + 1
-        first = 2 * (M + (self.rows + 1) * (p - 1))
-        carried, right = np.zeros((2 * M, 2 * M)), np.zeros(2 * M)
-        kept = []
+        number = np.arange(u.size).reshape(u.shape)
+        right, parts = np.zeros(u.size), []
         for c in range(self.columns):
             K, r = self._elements(c, u, factor)
-            held = self._local(self.is_held.astype(np.float64), c).reshape(len(K), -1) > 0.0
-            r -= np.einsum("eij,ej->ei", K, self._local(jump, c).reshape(len(K), -1))
-            r[held] = 0.0
-            K *= ~held[:, :, None] & ~held[:, None, :]
-            i, o = self._inner, self._outer
-            both = np.concatenate([K[:, i][:, :, o], r[:, i, None]], axis=2)
-            inner = np.linalg.solve(K[:, i][:, :, i], both)
-            schur = np.concatenate([K[:, o][:, :, o], r[:, o, None]], axis=2)
-            schur -= K[:, o][:, :, i] @ inner
-            A, b = np.zeros((first + 2 * M, first + 2 * M)), np.zeros(first + 2 * M)
-            numbers = self._numbers(c)
-            for at, part in zip(numbers, schur, strict=True):
-                A[np.ix_(at, at)] += part[:, :-1]
-                b[at] += part[:, -1]
-            A[: 2 * M, : 2 * M] += carried
-            b[: 2 * M] += right
-            _fill(A[:first, :first])
-            both = np.column_stack([A[:first, first:], b[:first]])
-            solved = np.linalg.solve(A[:first, :first], both)
-            below = A[first:, :first]
-            carried = A[first:, first:] - below @ solved[:, :-1]
-            right = b[first:] - below @ solved[:, -1]
-            kept.append((inner, numbers, solved))
-        _fill(carried)
-        line = np.linalg.solve(carried, right)
-        change = jump.copy()
-        for c in reversed(range(self.columns)):
-            inner, numbers, solved = kept[c]
-            x = np.append(solved[:, -1] - solved[:, :-1] @ line, line)
-            for e, row in enumerate(np.flatnonzero(self.is_solid[c])):
-                local = np.zeros(2 * (p + 1) ** 2)
-                local[self._outer] = outer = x[numbers[e]]
-                local[self._inner] = inner[e, :, -1] - inner[e, :, :-1] @ outer
-                block = (slice(c * p, (c + 1) * p + 1), slice(row * p, (row + 1) * p + 1))
-                moved = local.reshape(p + 1, p + 1, 2)
-                change[block] = np.where(self.is_held[block], jump[block], moved)
-            line = x[: 2 * M]
-        return change
-
-    def _numbers(self, c: int) -> NDArray[np.intp]:
-        """Of the outer unknowns of a column's elements: left line, rungs, right line."""
-        p, M = self.p, self.rows * self.p + 1
-        i, j = np.divmod(np.arange((p + 1) ** 2), p + 1)
-        numbers = []
-        for row in np.flatnonzero(self.is_solid[c]):
-            rung = M + (row + j // p) * (p - 1) + i - 1
-            z = row * p + j
-            node = np.where(i == 0, z, np.where(i == p, M + (self.rows + 1) * (p - 1) + z, rung))
-            numbers.append(np.stack([2 * node, 2 * node + 1], axis=1).ravel()[self._outer])
-        return np.array(numbers).reshape(-1, len(self._outer))
+            of = self._local(number, c).reshape(len(K), -1)
+            r -= np.einsum("eij,ej->ei", K, jump.ravel()[of])
+            np.add.at(right, of, r)
+            rows, columns = np.broadcast_arrays(of[:, :, None], of[:, None, :])
+            parts.append((K.ravel(), rows.ravel(), columns.ravel()))
+        values, rows, columns = (np.concatenate(some) for some in zip(*parts, strict=True))
+        free = np.setdiff1d(rows, np.flatnonzero(self.is_held))
+        A = coo_matrix((values, (rows, columns)), shape=(u.size, u.size)).tocsc()[free][:, free]
+        change = jump.ravel().copy()
+        change[free] = spsolve(A, right[free], permc_spec="MMD_AT_PLUS_A")
+        return change.reshape(u.shape)
 
     def _elements(self, c: int, u: Floats, factor: float) -> tuple[Floats, Floats]:
         """Tangents and forces left over of a column's elements; (e, 2n, 2n), (e, 2n)."""
@@ -339,9 +385,3 @@ class Plane:
                         turn = size * weighted.T @ self.slope
                         K[e, nodes[:, None], 0, nodes, 1] += turn
                         K[e, nodes[:, None], 1, nodes, 0] -= turn
-
-
-def _fill(A: Floats) -> None:
-    """One on the diagonal of unknowns that no element has, or that are held."""
-    empty = np.flatnonzero(~A.any(axis=1))
-    A[empty, empty] = 1.0

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.bricks import brick_box
+from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 
 BAR_THICKNESS = 0.125
@@ -69,6 +70,12 @@ _SHAPES: dict[str, Callable[[], TetMesh]] = {
 def shape_mesh(name: str) -> TetMesh:
     """A mesh by its name, 48 to 324 cells, about 1 m large."""
     return _SHAPES[name]()
+
+
+def confined_modulus(material: Material) -> float:
+    """Return lmbda + 2 mu [Pa]."""
+    E, nu = material.youngs_modulus, material.poissons_ratio
+    return E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
 
 
 def planes(mesh: TetMesh) -> list[tuple[Floats, Indices]]:

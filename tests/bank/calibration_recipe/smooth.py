@@ -17,12 +17,11 @@ from itertools import permutations
 import numpy as np
 
 from calibration_recipe.answers import Answer, answer_of
-from calibration_recipe.shapes import planes, shape_mesh
+from calibration_recipe.shapes import confined_modulus, planes, shape_mesh
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.studies.closed_forms import confined_modulus
 
 # Largest component of the displacement's gradient.
 _STRAIN = 0.05

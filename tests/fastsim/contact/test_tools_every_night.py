@@ -31,10 +31,10 @@ from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_modes import parts_of_mesh
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.studies.closed_forms import contact_radius
 from palpate.validation.studies.grading import (
     RADIUS,
     SPHERE_BODY,
+    contact_radius,
     quarter_cube,
     sphere_into_block,
 )

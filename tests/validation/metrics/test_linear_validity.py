@@ -15,7 +15,7 @@ from palpate.validation.metrics.validity import (
     describe_rotation,
     largest_rotation,
 )
-from palpate.validation.studies.validity_loads import border, follow_bar
+from palpate.validation.studies.validity import Mode, follow
 
 MESH = brick_box((3, 2, 2), (0.03, 0.02, 0.02))
 
@@ -31,10 +31,10 @@ def test_a_turned_and_stretched_body_is_turned_by_that_angle(angle: float) -> No
 
 
 def test_the_borders_are_those_of_a_bent_bar() -> None:
-    bar = follow_bar(4.0, 0.3, 6, (0.01, 0.02, 0.04, 0.08, 0.16, 0.32))
-    errors, turns = [p.displacement_error for p in bar], [p.tip_rotation for p in bar]
+    deflections = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+    bar = follow(Mode.BENDING, 0.3, deflections, slenderness=4.0)
     for error, degrees in BORDERS.items():
-        found = border(errors, turns, error)
+        found = bar.border(error, measure="rotation")
         assert found is not None
         assert math.degrees(found) == pytest.approx(degrees, rel=0.03)
 

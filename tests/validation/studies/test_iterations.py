@@ -53,7 +53,7 @@ def test_the_verdict(errors: dict[tuple[float, int], float], verdict: Verdict, w
 
 
 def test_no_answer_is_a_failure_and_stands_in_the_table() -> None:
-    lost = [Trial(4, 1e-3, None, trouble="it blew up")]
+    lost = [Trial(4, 1e-3, trouble="it blew up")]
     assert judge(lost, 0.01).verdict is Verdict.FAILED
     assert "it blew up" in judge(lost, 0.01).found
     assert "it blew up" in table(lost).csv

@@ -1,43 +1,39 @@
-"""The study of convergence: its exact answers, small families, and findings that go red."""
+"""The study of convergence: its exact numbers, small families, and findings that go red."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.fastsim.statics import StaticResult, solve_static
-from palpate.meshes.problem import Problem, Strain
+from palpate.fastsim.body import Body, lame_parameters
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.boundary_conditions import PointForce
+from palpate.meshes.bricks import brick_box, held, rollers
+from palpate.meshes.field_norms import l2_norm
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.case import load_case
+from palpate.validation.metrics.body import body_of
+from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.references.stored import load_stored
-from palpate.validation.states import Verdict
-from palpate.validation.studies import convergence_runs as runs
-from palpate.validation.studies.closed_forms import confined_modulus
+from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.convergence import (
-    Found,
-    draw_families,
-    draw_kidney,
-    judge,
-    judge_column,
-    judge_families,
-    judge_kidney,
-    kidney_table,
-    present,
-)
-from palpate.validation.studies.convergence_runs import (
-    MATERIAL,
     ErrorFamily,
+    Found,
     column,
     exact_column,
     follow_block,
     follow_column,
-    follow_manufactured,
-    follow_wave,
-    wave_frequency,
+    follow_degrees,
+    judge,
+    present,
 )
 from palpate.validation.studies.kidney import (
     QUANTITIES,
@@ -46,84 +42,13 @@ from palpate.validation.studies.kidney import (
     follow_meshes,
     stored_truth,
 )
+from palpate.validation.studies.study import volume_change
 
 WriteCase = Callable[..., Path]
-
-
-def stiffer(problem: Problem, **given: Any) -> StaticResult:
-    """A solver of slightly other equations: 3 % too stiff."""
-    found = solve_static(problem, **given)
-    return dataclasses.replace(found, displacement=0.97 * found.displacement)
-
-
-def first_piola_kirchhoff_stress(places: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """P = F S of the manufactured solution, written out on its own."""
-    E, nu = runs.MATERIAL.youngs_modulus, runs.MATERIAL.poissons_ratio
-    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    F = np.eye(3) + runs.exact_gradient(places)
-    strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
-    trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
-    return F @ (lmbda * trace * np.eye(3) + 2 * mu * strain)
-
-
-def test_the_body_force_balances_the_stress() -> None:
-    places = np.random.default_rng(0).random((20, 3))
-    step, divergence = 1e-5, np.zeros((20, 3))
-    for axis in range(3):
-        shift = step * np.eye(3)[axis]
-        change = first_piola_kirchhoff_stress(places + shift) - first_piola_kirchhoff_stress(
-            places - shift
-        )
-        divergence += change[:, :, axis] / (2 * step)
-    scale = np.abs(divergence).max()
-    assert scale > 0.5
-    # Central differences: (pi step)^2 / 6 and rounding of 1e-16 / step.
-    assert np.abs(divergence + runs.body_force(places)).max() < 1e-8 * scale
-
-
-def test_the_rules_integrate_what_they_should() -> None:
-    x, w = runs.gauss_rule(3)
-    # Exact to degree 5: the integral of x^5 over 0 to 1 is 1/6.
-    assert w @ x**5 == pytest.approx(1 / 6, rel=1e-13)
-    assert w.sum() == pytest.approx(1.0, rel=1e-13)
-
-
-def test_the_column_bears_its_weight() -> None:
-    # At the clamp P / (lmbda + 2 mu) = 0.4: a (a^2 - 1) = 0.8 at a = 1.2879; nothing at the tip.
-    exact, problem = exact_column(), column(0)
-    assert confined_modulus(MATERIAL) == pytest.approx(0.7 / (1.3 * 0.4), rel=1e-14)
-    assert problem.mesh.num_cells == 96
-    # Between a column without stretch and one with 0.2879 everywhere, 0.25 m3.
-    assert 0.0 < exact.volume_change < 0.25 * 0.2879
-    assert exact.volume_change / 0.25 == pytest.approx(0.1527, abs=5e-4)
-
-
-def test_smooth_problems_go_green_and_other_equations_red() -> None:
-    families = follow_manufactured((4, 8, 16))
-    assert [f.verdict for f in judge_families(families)] == [Verdict.PASSED] * 2
-    wrong = follow_manufactured((4, 8, 16), solve=stiffer)
-    assert judge_families(wrong)[0].verdict is Verdict.FAILED
-    grids = follow_column(first=0)
-    assert [f.verdict for f in judge_column(grids)] == [Verdict.PASSED] * 2
-    # A wrong answer that converges well is not seen by the order, but by the exact value.
-    spoiled = follow_column(first=0, solve=stiffer)
-    assert abs((spoiled[0].assessed.order or 0.0) - 2.0) < 0.2
-    assert Verdict.FAILED in [f.verdict for f in judge_column(spoiled)]
-
-
-def test_explicit_steps_are_of_second_order() -> None:
-    families = [follow_wave((10, 20)), follow_block(1, halvings=2, end_time=3.0)]
-    assert [f.verdict for f in judge_families(families)] == [Verdict.PASSED] * 2
-    # c = 1.16023870, quarter wave of 1 m: TARGETS section 2.
-    assert wave_frequency() == pytest.approx(0.5 * np.pi * 1.16023870, rel=1e-8)
-    assert "<svg" in draw_families(families).svg
-
-
-def test_an_order_is_a_slope() -> None:
-    family = ErrorFamily("a", "a", "h", (1.0, 0.5, 0.25), (8e-2, 2e-2, 5e-3), 2.0, 0.1)
-    assert family.orders == pytest.approx((2.0, 2.0))
-    assert family.is_as_expected
-    assert not dataclasses.replace(family, errors=(8e-2, 2e-2, 5.5e-3)).is_as_expected
+FAMILY = ErrorFamily(
+    "a", "a", "h", (1.0, 0.5, 0.25), (8e-2, 2e-2, 5e-3), 2.0, 0.1, ("8 cells", "64", "512")
+)
+TRUTH = {quantity: StoredTruth(2.0, 0.01) for quantity in QUANTITIES}
 
 
 def kidney_family(order: float, limit: float = 2.0) -> MeshFamily:
@@ -132,32 +57,54 @@ def kidney_family(order: float, limit: float = 2.0) -> MeshFamily:
     return MeshFamily((1, 8, 64), responses)
 
 
-def test_the_kidney_is_judged_by_its_order_and_by_the_stored_truth() -> None:
-    truth = {quantity: StoredTruth(2.0, 0.01) for quantity in QUANTITIES}
-    good = judge_kidney(kidney_family(1.0), truth)
-    assert [f.verdict for f in good] == [Verdict.PASSED] * 4
-    assert "order 1.00" in good[0].found
-    # 1.25 * (f2 - f1) / (2 - 1) = 1.25 * 0.025 over 1.975.
-    assert "GCI 1.58 %" in good[0].found
-    smooth = judge_kidney(kidney_family(1.8), truth)
-    assert [f.verdict for f in smooth] == [Verdict.FAILED] * 4
-    elsewhere = judge_kidney(kidney_family(1.0, limit=2.2), truth)
-    assert [f.verdict for f in elsewhere] == [Verdict.FAILED] * 4
-    assert len(kidney_table(kidney_family(1.0), truth).rows) == 4
-    assert "<svg" in draw_kidney(kidney_family(1.0), truth).svg
+def orders_of(errors: list[float]) -> list[float]:
+    """Of meshes whose cells are half as large each time."""
+    return [float(np.log2(a / b)) for a, b in pairwise(errors)]
 
 
-def test_the_page_has_every_family_and_grid() -> None:
-    family = ErrorFamily("a", "a", "h", (1.0, 0.5), (8e-2, 2e-2), 2.0, 0.1, ("8 cells", "64 cells"))
-    truth = {quantity: StoredTruth(2.0, 0.01) for quantity in QUANTITIES}
-    found = Found([family], follow_column(first=0), kidney_family(1.0), truth)
-    assert len(judge(found)) == 1 + 2 + len(QUANTITIES)
+# ---------------------------------------------------------------------------- the study itself
+def test_the_families_go_green_and_a_wrong_order_red() -> None:
+    families = [*follow_column(in_silence), follow_block(1, halvings=2, end_time=3.0)]
+    wrong = dataclasses.replace(FAMILY, errors=(8e-2, 2e-2, 5.5e-3))
+    found = Found([*families, wrong], kidney_family(1.0), TRUTH)
+    verdicts = [f.verdict for f in judge(found)]
+    assert verdicts == [*[Verdict.PASSED] * 3, Verdict.FAILED, *[Verdict.PASSED] * 4]
+
+
+def test_an_order_is_a_slope() -> None:
+    assert FAMILY.orders == pytest.approx((2.0, 2.0))
+    assert FAMILY.is_as_expected
+
+
+@pytest.mark.parametrize(
+    ("meshes", "verdict"),
+    [
+        (kidney_family(1.0), Verdict.PASSED),
+        (kidney_family(1.8), Verdict.FAILED),  # smooth: not what a clamp gives
+        (kidney_family(1.0, limit=2.2), Verdict.FAILED),  # another body's number
+    ],
+)
+def test_the_kidney_is_judged_by_its_order_and_by_the_stored_truth(
+    meshes: MeshFamily, verdict: Verdict
+) -> None:
+    found = Found([FAMILY], meshes, TRUTH)
+    of_kidney = judge(found)[1:]
+    assert [f.verdict for f in of_kidney] == [verdict] * 4
+    if verdict is Verdict.PASSED:
+        assert "order 1.00" in of_kidney[0].found
+        # 1.25 * (f2 - f1) / (2 - 1) = 1.25 * 0.025 over 1.975.
+        assert "GCI 1.58 %" in of_kidney[0].found
+
+
+def test_the_page_has_every_family_and_number() -> None:
+    found = Found([FAMILY], kidney_family(1.0), TRUTH)
     page = present(found)
-    assert page.tables["families"].texts[1][2:] == ["64 cells", "2.0000e-02", "2.000", "2"]
+    assert page.tables["families"].texts[1][2:] == ["64", "2.0000e-02", "2.000", "2"]
     assert page.tables["families"].texts[0][4] == "-"
-    assert len(page.tables["column"].rows) == 2
+    assert len(page.tables["kidney_grids"].rows) == 4
+    assert all("<svg" in figure.svg for figure in page.figures.values())
     assert "FEniCSx is not here" in page.remarks[0]
-    with_degrees = found._replace(families=[family, dataclasses.replace(family, what="p")])
+    with_degrees = found._replace(families=[FAMILY, dataclasses.replace(FAMILY, what="p")])
     assert present(with_degrees).remarks == ()
 
 
@@ -190,10 +137,195 @@ def test_meshes_are_followed_with_the_same_probe(write_case: WriteCase) -> None:
 
 
 @pytest.mark.dolfinx
-def test_degrees_on_the_column_have_their_orders(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "LEVELS", {1: 2, 2: 2})
-    families = runs.follow_degrees(lambda _line: None)
+def test_degrees_on_the_column_have_their_orders() -> None:
+    families = follow_degrees(in_silence, levels={1: 2, 2: 2})
     assert [f.expected_order for f in families] == [1.0, 2.0]
     for family in families:
         # From 96 to 768 cells: not yet at the limit.
         assert abs(family.orders[-1] - family.expected_order) < 0.2
+
+
+# ----------------------------------------------- the column: an error bar holds the exact number
+def test_the_column_bears_its_weight() -> None:
+    # At the clamp P / (lmbda + 2 mu) = 0.4: a (a^2 - 1) = 0.8 at a = 1.2879; nothing at the tip.
+    exact = exact_column()
+    assert column(0).mesh.num_cells == 96
+    # Between a column without stretch and one with 0.2879 everywhere.
+    assert exact.volume_change == pytest.approx(0.1527, abs=5e-4)
+
+
+@pytest.mark.parametrize(("factor", "is_held"), [(1.0, True), (0.97, False)])
+def test_the_grid_convergence_index_holds_the_exact_number(factor: float, is_held: bool) -> None:
+    values = []
+    for problem in map(column, (2, 1, 0)):
+        u = factor * solve_static(problem).displacement
+        values.append((body_of(problem, Strain.GREEN).energy(u), volume_change(problem.mesh, u)))
+    held_exact = []
+    for exact, of in zip(exact_column(), zip(*values, strict=True), strict=True):
+        found = assess_grid_convergence(of, [1.0, 2.0, 4.0], expected_order=2.0)
+        assert found.order == pytest.approx(2.0, abs=0.2)  # it converges well, to whatever it is
+        assert found.error_bar is not None
+        held_exact.append(abs(found.value - exact) <= found.error_bar)
+    assert all(held_exact) is is_held
+
+
+# --------------------------------------------------------------------- a manufactured solution
+# P. J. Roache, J. Fluids Eng. 124 (2002) 4-10: choose u, work out the body force it needs. u_i = A
+# c_i sin(pi x) sin(pi y) sin(pi z) on the unit cube, 0 all around. With H = grad u, F = I + H and
+# G_iJK = d2 u_i / dX_J dX_K,
+#
+# (Div P)_i = G_iJK S_JK + F_iJ S_JK,K,   S_JK,K = lmbda tr(E),J + 2 mu E_JK,K,
+# tr(E),J = G_iiJ + H_iK G_iKJ,   E_JK,K = (G_JKK + G_KJK + G_iJK H_iK + H_iJ G_iKK) / 2.
+MATERIAL = Material(1.0, 0.3)
+# Strains up to about a third: the quadratic part of Green strain counts.
+AMPLITUDE, DIRECTION = 0.1, np.array([1.0, -0.7, 0.5])
+
+
+def derivative(positions: Points, *along: int) -> Floats:
+    """Derivative of the product of sines along some axes, shape (n,)."""
+    s, c = np.sin(np.pi * positions), np.cos(np.pi * positions)
+    by_order = (s, np.pi * c, -(np.pi**2) * s)
+    found: Floats = np.prod([by_order[along.count(a)][:, a] for a in range(3)], axis=0)
+    return AMPLITUDE * found
+
+
+def exact_displacement(positions: Points) -> Points:
+    u: Points = derivative(positions)[:, None] * DIRECTION
+    return u
+
+
+def exact_gradient(positions: Points) -> Floats:
+    first = np.array([derivative(positions, j) for j in range(3)])
+    H: Floats = np.einsum("i,jn->nij", DIRECTION, first)
+    return H
+
+
+def green_strain(H: Floats) -> Floats:
+    return 0.5 * (H + H.transpose(0, 2, 1) + np.einsum("nki,nkj->nij", H, H))
+
+
+def stress_of(E: Floats) -> Floats:
+    lmbda, mu = lame_parameters(MATERIAL)
+    return 2.0 * mu * E + lmbda * np.einsum("nii->n", E)[:, None, None] * np.eye(3)
+
+
+def body_force(positions: Points) -> Points:
+    """-Div P of the exact solution [N/m3], shape (n, 3)."""
+    lmbda, mu = lame_parameters(MATERIAL)
+    H = exact_gradient(positions)
+    second = np.array([[derivative(positions, j, k) for k in range(3)] for j in range(3)])
+    G = np.einsum("i,jkn->nijk", DIRECTION, second)
+    S = stress_of(green_strain(H))
+    trace = np.einsum("niij->nj", G) + np.einsum("nik,nikj->nj", H, G)
+    turn = np.einsum("njkk->nj", G) + np.einsum("nkjk->nj", G)
+    turn += np.einsum("nijk,nik->nj", G, H) + np.einsum("nij,nikk->nj", H, G)
+    slope = lmbda * trace + mu * turn
+    force: Points = -(np.einsum("nijk,njk->ni", G, S) + slope + np.einsum("nij,nj->ni", H, slope))
+    return force
+
+
+def cell_rule() -> tuple[Points, Points]:
+    """Barycentric points and weights (sum 1), exact to degree 3: a cube folded to a tetrahedron.
+
+    Stroud 1971, conical product formulas.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(3)  # type: ignore[no-untyped-call]
+    a, b, c = (g.ravel() for g in np.meshgrid(*[0.5 * (nodes + 1.0)] * 3, indexing="ij"))
+    wa, wb, wc = (g.ravel() for g in np.meshgrid(*[0.5 * weights] * 3, indexing="ij"))
+    x, y, z = a, b * (1.0 - a), c * (1.0 - a) * (1.0 - b)
+    return np.column_stack([1.0 - x - y - z, x, y, z]), 6.0 * wa * wb * wc * (1 - a) ** 2 * (1 - b)
+
+
+def manufactured_problem(bricks: int) -> Problem:
+    """The unit cube, fixed all around, with the consistent nodal forces of the body force."""
+    mesh = brick_box((bricks, bricks, bricks), (1.0, 1.0, 1.0))
+    forces = np.zeros_like(mesh.points)
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    for barycentric, weight in zip(*cell_rule(), strict=True):
+        positions = np.einsum("a,cai->ci", barycentric, mesh.points[mesh.cells])
+        part = weight * volumes[:, None] * body_force(positions)
+        for a in range(4):
+            np.add.at(forces, mesh.cells[:, a], barycentric[a] * part)
+    load = PointForce(np.arange(mesh.num_points, dtype=np.int32), forces)
+    return Problem(mesh, MATERIAL, (held(mesh.boundary_facets),), (load,))
+
+
+def relative_errors(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
+    """Relative L2 error of u and of its gradient (H1 seminorm) [-], by quadrature."""
+    corners, moved = mesh.points[mesh.cells], displacement[mesh.cells]
+    # Rows of the first are dX, of the second du = dX H^T.
+    edges, change = corners[:, 1:] - corners[:, :1], moved[:, 1:] - moved[:, :1]
+    H = np.linalg.solve(edges, change).transpose(0, 2, 1)
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    sums = np.zeros(4)
+    for barycentric, weight in zip(*cell_rule(), strict=True):
+        positions = np.einsum("a,cai->ci", barycentric, corners)
+        u, gradient = exact_displacement(positions), exact_gradient(positions)
+        fields = (np.einsum("a,cai->ci", barycentric, moved) - u, u, H - gradient, gradient)
+        sums += weight * np.array(
+            [volumes @ (f**2).reshape(len(volumes), -1).sum(axis=1) for f in fields]
+        )
+    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2] / sums[3]))
+
+
+def test_the_body_force_balances_the_stress() -> None:
+    positions = np.random.default_rng(0).random((20, 3))
+    step, divergence = 1e-5, np.zeros((20, 3))
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            H = exact_gradient(positions + sign * step * np.eye(3)[axis])
+            P = (np.eye(3) + H) @ stress_of(green_strain(H))
+            divergence += sign * P[:, :, axis] / (2.0 * step)
+    scale = np.abs(divergence).max()
+    assert scale > 0.5
+    # Central differences: (pi step)^2 / 6 and rounding of 1e-16 / step.
+    assert np.abs(divergence + body_force(positions)).max() < 1e-8 * scale
+
+
+@pytest.mark.parametrize(
+    "bricks", [(4, 8, 16), pytest.param((6, 12, 24), marks=pytest.mark.nightly)]
+)
+def test_linear_tetrahedra_come_to_the_manufactured_solution(bricks: tuple[int, ...]) -> None:
+    problems = [manufactured_problem(count) for count in bricks]
+    solved = [solve_static(problem).displacement for problem in problems]
+    for factor, is_right in ((1.0, True), (0.97, False)):  # or of other equations: too stiff
+        errors = [
+            relative_errors(problem.mesh, factor * u)
+            for problem, u in zip(problems, solved, strict=True)
+        ]
+        in_l2, in_h1 = (orders_of(list(of)) for of in zip(*errors, strict=True))
+        assert (abs(in_l2[-1] - 2.0) <= 0.2) is is_right
+        if is_right:
+            assert in_h1[-1] == pytest.approx(1.0, abs=0.1)
+
+
+# --------------------------------------------------------------- a wave, h and dt together
+# u = A sin(pi x / 2 L) cos(w t), w = (pi / 2 L) sqrt((lmbda + 2 mu) / rho), linear strain: fixed
+# at x = 0, free at x = L = 1 m, rollers on the sides.
+@pytest.mark.parametrize(
+    "bricks", [(10, 20), pytest.param((10, 20, 40), marks=pytest.mark.nightly)]
+)
+def test_a_wave_over_a_period_is_of_second_order(bricks: tuple[int, ...]) -> None:
+    material, outputs = Material(1.0, 0.3, 1.0), 20
+    lmbda, mu = lame_parameters(material)
+    omega = 0.5 * np.pi * np.sqrt(lmbda + 2.0 * mu)
+    # c = 1.16023870, quarter wave of 1 m: TARGETS section 2.
+    assert omega == pytest.approx(0.5 * np.pi * 1.16023870, rel=1e-8)
+    end, errors = 2.0 * np.pi / omega, []
+    steps = 0
+    for count in bricks:
+        across = max(1, count // 10)
+        mesh = brick_box((count, across, across), (1.0, 0.1, 0.1))
+        walls = rollers(mesh, ((0, 0.0), (1, 0.0), (1, 0.1), (2, 0.0), (2, 0.1)))
+        if not steps:  # one part of the critical step on every mesh: sizes in proportion
+            longest = 0.5 * Body(mesh, material).critical_time_step_bound()
+            steps = int(np.ceil(end / outputs / longest))
+        dt = end / outputs / (steps * count / bricks[0])
+        shape = np.zeros_like(mesh.points)
+        shape[:, 0] = 1e-3 * np.sin(0.5 * np.pi * mesh.points[:, 0])
+        span = TimeSpan(end, dt, num_outputs=outputs)
+        problem = Problem(mesh, material, walls, (), span)
+        run = simulate(problem, strain=Strain.LINEAR, displacement=shape)
+        off = run.displacements - np.cos(omega * run.times)[:, None, None] * shape
+        errors.append(max(l2_norm(mesh, u) for u in off) / l2_norm(mesh, shape))
+    assert orders_of(errors)[-1] == pytest.approx(2.0, abs=0.1)

@@ -15,7 +15,6 @@ from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import Verdict
-from palpate.validation.studies.closed_forms import changed
 from palpate.validation.studies.kidney import QUANTITIES, Response, StoredTruth
 from palpate.validation.studies.sensitivity import (
     ASKED,
@@ -24,6 +23,7 @@ from palpate.validation.studies.sensitivity import (
     STEP,
     Found,
     InputResponses,
+    changed,
     follow_inputs,
     judge,
     make_budget,
