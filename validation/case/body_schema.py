@@ -208,14 +208,18 @@ class GeometrySpec(Table):
         if self.surface is not None:
             extra -= {"wrap"} if self.wrap is not None else {"repair"}
             extra -= set(_REPAIR_KEYS if self.repair else ())
-        missing = parameters - self.model_fields_set
         what = f"shape {self.shape!r}" if self.shape else given[0]
-        wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []
-        wrongs += [f"needs {', '.join(sorted(missing))}"] if missing else []
-        if wrongs:
-            hint = "; cells are sized by edge_length" if extra == {"size"} else ""
-            raise ValueError(f"{what} {' and '.join(wrongs)}{hint}")
+        hint = "; cells are sized by edge_length" if extra == {"size"} else ""
+        require_keys(what, missing=parameters - self.model_fields_set, extra=extra, hint=hint)
         return self
+
+
+def require_keys(what: str, *, missing: set[str], extra: set[str], hint: str = "") -> None:
+    """Raise ValueError for keys that something needs, or does not take."""
+    wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []
+    wrongs += [f"needs {', '.join(sorted(missing))}"] if missing else []
+    if wrongs:
+        raise ValueError(f"{what} {' and '.join(wrongs)}{hint}")
 
 
 class GradeSpec(Table):

@@ -254,8 +254,7 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
     assert geometry.shape is not None
     assert geometry.edge_length is not None
     edge = units.metres(geometry.edge_length)
-    given = [getattr(geometry, key) for key in SHAPES[geometry.shape]]
-    sizes = [units.lengths(v) if isinstance(v, tuple) else units.metres(v) for v in given]
+    sizes = units.sizes(getattr(geometry, key) for key in SHAPES[geometry.shape])
     make, extents = _SHAPES[geometry.shape]
     require_countable(extents(*sizes), edge)
     surface: TriSurface = make(*sizes, edge_length=edge)

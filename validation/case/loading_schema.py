@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -16,6 +17,7 @@ from palpate.validation.case.body_schema import (
     RegionSpec,
     Table,
     Vector,
+    require_keys,
 )
 
 # States stored of a motion; each is as large as the result of a static case.
@@ -98,6 +100,16 @@ class DriveSpec(Table):
     """Factor of the force over time."""
 
 
+# Sizes of each shape of a tool, in the order in which its maker takes them.
+TOOL_SIZES: dict[str, tuple[str, ...]] = {
+    "sphere": ("radius",),
+    "capsule": ("radius", "half_length"),
+    "box": ("half_widths",),
+    "plane": (),
+    "surface": ("surface",),
+}
+
+
 class ToolSpec(Table):
     """A rigid tool; lengths in the case's unit."""
 
@@ -124,19 +136,9 @@ class ToolSpec(Table):
 
     @model_validator(mode="after")
     def _has_its_sizes(self) -> ToolSpec:
-        sizes = {"radius", "half_length", "half_widths", "surface"}
-        needed = {
-            "sphere": {"radius"},
-            "capsule": {"radius", "half_length"},
-            "box": {"half_widths"},
-            "plane": set(),
-            "surface": {"surface"},
-        }[self.shape]
-        given = {name for name in sizes if getattr(self, name) is not None}
-        if needed - given:
-            raise ValueError(f"shape {self.shape!r} needs {', '.join(sorted(needed - given))}")
-        if given - needed:
-            raise ValueError(f"shape {self.shape!r} takes no {', '.join(sorted(given - needed))}")
+        given = {key for key in chain(*TOOL_SIZES.values()) if getattr(self, key) is not None}
+        needed = set(TOOL_SIZES[self.shape])
+        require_keys(f"shape {self.shape!r}", missing=needed - given, extra=given - needed)
         return self
 
 

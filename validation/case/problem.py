@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.body_schema import InclusionSpec, MaterialSpec
 from palpate.validation.case.geometry import inside_folder, load_surface
 from palpate.validation.case.loading_schema import (
+    TOOL_SIZES,
     AmplitudeSpec,
     ForceSpec,
     GravitySpec,
@@ -75,6 +77,13 @@ from palpate.validation.exchange.nodal_arrays import facet_areas
 _LARGEST = 1e100
 # Name and unit of each kind of load's size.
 _SIZES = {"force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces": "N"}
+# Shapes of tools that take sizes.
+_SHAPES: dict[str, Callable[..., ToolShape]] = {
+    "sphere": SphereShape,
+    "capsule": CapsuleShape,
+    "box": BoxShape,
+    "plane": PlaneShape,
+}
 
 
 def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
@@ -307,19 +316,11 @@ def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:
 
 
 def _shape(spec: ToolSpec, units: Units, folder: Path) -> ToolShape:
-    metres = units.metres
-    match spec:
-        case ToolSpec(shape="sphere", radius=float(radius)):
-            return SphereShape(metres(radius))
-        case ToolSpec(shape="capsule", radius=float(radius), half_length=float(half)):
-            return CapsuleShape(metres(radius), metres(half))
-        case ToolSpec(shape="box", half_widths=(a, b, c)):
-            return BoxShape(units.lengths((a, b, c)))
-        case ToolSpec(shape="surface", surface=str(name)):
-            path = inside_folder(folder, name)
-            return SurfaceShape(load_surface(path, scale=metres(1.0)).surface)
-        case _:
-            return PlaneShape()
+    if spec.surface is not None:
+        path = inside_folder(folder, spec.surface)
+        return SurfaceShape(load_surface(path, scale=units.metres(1.0)).surface)
+    sizes = units.sizes(getattr(spec, key) for key in TOOL_SIZES[spec.shape])
+    return _SHAPES[spec.shape](*sizes)
 
 
 def _quaternion(pose: PoseSpec) -> list[float]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
@@ -47,6 +47,10 @@ class Units(BaseModel):
         """Turn three lengths into metres."""
         x, y, z = (self.metres(value) for value in values)
         return x, y, z
+
+    def sizes(self, values: Iterable[Any]) -> list[Any]:
+        """Turn lengths, or three of them each, into metres."""
+        return [self.lengths(v) if isinstance(v, tuple) else self.metres(v) for v in values]
 
     def in_case_units(self, message: str) -> str:
         """A message from a room that knows metres only, with its lengths in the case's unit."""

@@ -139,13 +139,6 @@ def sliding_points(problem: Problem, time: float | None = None) -> SlidingPoints
     )
 
 
-def free_part(problem: Problem, vectors: Points) -> Points:
-    """Vectors of all points without their fixed components."""
-    free = np.where(fixed_components(problem)[0] > 0, 0.0, vectors)
-    slopes = sliding_points(problem)
-    return free if slopes is None else slopes.without(free)
-
-
 def moved_by(support: Support, points: Points, time: float | None = None) -> Points:
     """Displacements by which a support moves points at rest [m], (n, 3); in full without a time."""
     factor = 1.0
