@@ -63,19 +63,55 @@ def one_based(items):
     return found
 
 
+# The same in the words of each version: chapters "Boundary Section", "Loads Section" and
+# "LoadData Section" of the user's manuals of FEBio 2.9, 3.6 and 4.0.
+FIXED = {
+    "2.5": '<fix bc="x,y,z" node_set="Held"/>',
+    "3.0": '<bc type="fix" node_set="Held"><dofs>x,y,z</dofs></bc>',
+    "4.0": '<bc name="root" type="zero displacement" node_set="Held">'
+    "<x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>",
+}
+MOVED = {
+    "2.5": '<prescribe bc="z" node_set="End"><scale lc="1">6</scale><relative>0</relative>'
+    "</prescribe>",
+    "3.0": '<bc type="prescribe" node_set="End"><dof>z</dof><scale lc="1">6</scale>'
+    "<relative>0</relative></bc>",
+    "4.0": '<bc type="prescribed displacement" node_set="End"><dof>z</dof>'
+    '<value lc="1">6</value><relative>0</relative></bc>',
+}
+PRESSED = (
+    '<surface_load type="pressure" surface="EndFace"><pressure lc="1">-0.004</pressure>'
+    "<linear>0</linear><symmetric_stiffness>1</symmetric_stiffness></surface_load>"
+)
+WEIGHED = {
+    "2.5": '<body_load type="const"><x lc="1">0</x><y>0</y><z lc="1">9810</z></body_load>',
+    "3.0": '<body_load type="const"><z lc="1">9810</z></body_load>',
+    "4.0": '<body_load type="body force"><force lc="1">0,0,9810</force></body_load>',
+}
+# At the end, t = 1, it is worth a half.
+CURVE = {
+    "2.5": '<LoadData><loadcurve id="1" type="linear"><point>0,0</point><point>2,1</point>'
+    "</loadcurve></LoadData>",
+    "3.0": '<LoadData><load_controller id="1" type="loadcurve"><interpolate>LINEAR</interpolate>'
+    "<points><point>0,0</point><point>2,1</point></points></load_controller></LoadData>",
+}
+CURVE["4.0"] = CURVE["3.0"].replace("point>", "pt>").replace("pts>", "points>")
+
+
 def febio(
-    mesh,
+    mesh=None,
     *,
     version="4.0",
     material="<density>1e-9</density><E>0.1</E><v>0.4</v>",
     law="neo-Hookean",
-    boundary="",
+    boundary=None,
     loads="",
-    extra="",
     cells=None,
     points=None,
 ):
-    """A .feb file of the manual's sections in that version, with sets Held, End and face Top."""
+    """A .feb file by the manual of that version; sets Held and End of nodes, and of their facets."""
+    mesh = bar() if mesh is None else mesh
+    boundary = FIXED[version] if boundary is None else boundary
     is_old = version == "2.5"
     kind = "tet4" if cells is None else "tet10"
     used = one_based(mesh.cells if cells is None else cells)
@@ -118,14 +154,14 @@ def febio(
 {domains}
 <Boundary>{boundary}</Boundary>
 <Loads>{loads}</Loads>
-{extra}
+{CURVE[version]}
 <Output><plotfile type="febio"><var type="displacement"/></plotfile></Output>
 </febio_spec>
 """
 
 
 def abaqus(
-    mesh,
+    mesh=None,
     *,
     material="*ELASTIC\n0.1, 0.3",
     step="*STEP, NLGEOM",
@@ -134,7 +170,8 @@ def abaqus(
     cells=None,
     points=None,
 ):
-    """An .inp file with sets HELD, END, ALL and the surface ENDFACE; x = 0 is held."""
+    """An .inp file with sets HELD, END, ALL and the surface ENDFACE; x = 0 is fixed."""
+    mesh = bar() if mesh is None else mesh
     used = one_based(mesh.cells if cells is None else cells)
     shown = [
         f"{k}, {place}"

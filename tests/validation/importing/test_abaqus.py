@@ -30,22 +30,18 @@ NEO_HOOKE = "*DENSITY\n1e-9\n*HYPERELASTIC, NEO HOOKE\n0.02, 12.5"
 MOONEY = "*HYPERELASTIC, MOONEY-RIVLIN\n0.015, 0.005, 12.5"
 
 
-def cload(traction, *, scale=1.0):
+def cload(traction):
     """Consistent nodal forces of a traction t(x, y, z) [MPa] on the end, as *CLOAD."""
     mesh = bars.bar()
     facets = bars.pulled(mesh)
     forces = np.zeros_like(mesh.points)
     corners = mesh.points[facets]
-    areas = (
-        np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
-        / 2.0
-    )
-    values = np.array([[traction(*place) for place in row] for row in corners])
+    edges = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2.0
+    values = np.array([[traction(*position) for position in row] for row in corners])
     # Of an affine traction: A / 12 (t_i + sum of t).
-    shares = areas[:, None, None] / 12.0 * (values + values.sum(axis=1, keepdims=True))
-    np.add.at(forces, facets, scale * shares)
+    parts = areas[:, None, None] / 12.0 * (values + values.sum(axis=1, keepdims=True))
+    np.add.at(forces, facets, parts)
     lines = [
         f"{n + 1}, {axis + 1}, {float(forces[n, axis])!r}"
         for n, axis in zip(*np.nonzero(forces), strict=True)
@@ -55,9 +51,7 @@ def cload(traction, *, scale=1.0):
 
 def test_elastic_without_nlgeom_is_linear_strain(bring):
     step = "*STEP, INC=10"
-    case, imported = bring(
-        bars.abaqus(bars.bar(), step=step, acts="*DSLOAD\nENDFACE, P, -1e-3"), ".inp"
-    )
+    case, imported = bring(bars.abaqus(step=step, acts="*DSLOAD\nENDFACE, P, -1e-3"), ".inp")
     assert case.strain is Strain.LINEAR
     assert case.title == "A bar, by hand"
     problem = bars.native(Material(100e3, 0.3), Pressure(bars.pulled(bars.bar()), -1e3))
@@ -67,7 +61,7 @@ def test_elastic_without_nlgeom_is_linear_strain(bring):
 
 def test_neo_hooke_under_weight_and_a_moved_end(bring):
     acts = "*BOUNDARY\nEND, 1, 1, 2.\nEND, 2, 2\n*DLOAD\nALL, GRAV, 9810., 0., 0., -1."
-    case, imported = bring(bars.abaqus(bars.bar(), material=NEO_HOOKE, acts=acts), ".inp")
+    case, imported = bring(bars.abaqus(material=NEO_HOOKE, acts=acts), ".inp")
     kappa, mu = 2.0 / 12.5e-6, 2.0 * 0.02e6
     material = Material(
         9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (6 * kappa + 2 * mu), 1000.0,
@@ -82,7 +76,7 @@ def test_neo_hooke_under_weight_and_a_moved_end(bring):
 
 def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(bring):
     acts = cload(lambda _x, _y, _z: (2e-3, 0.0, -1e-4))
-    case, imported = bring(bars.abaqus(bars.bar(), material=MOONEY, acts=acts), ".inp")
+    case, imported = bring(bars.abaqus(material=MOONEY, acts=acts), ".inp")
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
     assert load.is_uniform
@@ -96,14 +90,14 @@ def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(bring):
 
 def test_forces_on_nodes_that_are_an_affine_traction(bring):
     acts = cload(lambda _x, y, z: (1e-3 * (1.0 + z / 10.0), 1e-4 * y, 0.0))
-    case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
+    case, imported = bring(bars.abaqus(acts=acts), ".inp")
     (load,) = case.problem.loads
     assert isinstance(load, Traction)
     gradient = np.zeros((3, 3))
     gradient[0, 2], gradient[1, 1] = 1e5, 1e5
     ours = Traction(load.facets, (1e3, 0.0, 0.0), gradient=gradient)
-    places = case.problem.mesh.points[np.unique(load.facets)]
-    assert np.abs(load.at(places) - ours.at(places)).max() < 1e-9 * 2e3
+    points = case.problem.mesh.points[np.unique(load.facets)]
+    assert np.abs(load.at(points) - ours.at(points)).max() < 1e-9 * 2e3
     assert bars.apart(bars.native(Material(100e3, 0.3), ours), case.problem) < 1e-10
     assert any("affine" in line for line in imported.notes)
 
@@ -113,7 +107,7 @@ def test_other_forces_on_nodes_stay_and_leave_no_truth(bring):
     acts = "*CLOAD\n" + "\n".join(
         f"{n + 1}, 3, {f}" for n, f in zip(end, (2e-2, 2e-2, 1e-2), strict=True)
     )
-    case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
+    case, imported = bring(bars.abaqus(acts=acts), ".inp")
     assert all(isinstance(load, PointForce) for load in case.problem.loads)
     forces = np.array([[0.0, 0.0, 2e-2], [0.0, 0.0, 2e-2], [0.0, 0.0, 1e-2]])
     problem = bars.native(Material(100e3, 0.3), PointForce(end, forces))
@@ -122,11 +116,11 @@ def test_other_forces_on_nodes_stay_and_leave_no_truth(bring):
     assert all(check.against != "truth" for check in case.checks)
 
 
-def test_one_spoiled_force_is_no_traction(bring):
+def test_one_perturbed_force_is_no_traction(bring):
     acts = cload(lambda _x, _y, _z: (2e-3, 0.0, 0.0))
     last = acts.rpartition(", ")
-    spoiled = f"{last[0]}, {float(last[2]) * (1.0 + 1e-5)!r}"
-    case, _ = bring(bars.abaqus(bars.bar(), acts=spoiled), ".inp")
+    perturbed = f"{last[0]}, {float(last[2]) * (1.0 + 1e-5)!r}"
+    case, _ = bring(bars.abaqus(acts=perturbed), ".inp")
     assert all(isinstance(load, PointForce) for load in case.problem.loads)
 
 
@@ -150,7 +144,7 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(bring):
     ends = sorted({n for row in bars.held(mesh).tolist() for n in row})
     on_face = [n for n, p in enumerate(points) if p[0] == 0.0]
     assert set(ends) < set(on_face)
-    text = bars.abaqus(mesh, acts=acts, points=points, cells=cells)
+    text = bars.abaqus(acts=acts, points=points, cells=cells)
     before = "*NSET, NSET=FACE\n" + bars.rows(n + 1 for n in on_face) + "\n*BOUNDARY\nFACE, 1, 3"
     case, imported = bring(text.replace("*BOUNDARY\nHELD, 1, 3", before), ".inp")
     problem = bars.native(Material(100e3, 0.3), Traction(bars.pulled(mesh), (2e3, 0.0, 0.0)))
@@ -172,8 +166,7 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(bring):
 
 
 def test_includes_parts_amplitudes_and_sets(bring, tmp_path):
-    text = bars.abaqus(
-        bars.bar(), material="*INCLUDE, INPUT=tissue.inc",
+    text = bars.abaqus(material="*INCLUDE, INPUT=tissue.inc",
         before="*AMPLITUDE, NAME=RAMP\n0., 0., 2., 1.\n*NSET, NSET=Both, GENERATE\n1, 3\n"
         "*NSET, NSET=BOTH\nHELD, 4",
         acts="*BOUNDARY, AMPLITUDE=RAMP\nPART-1-1.END, 3, 3, 4.",
@@ -189,7 +182,7 @@ def test_includes_parts_amplitudes_and_sets(bring, tmp_path):
     assert bars.apart(bars.native(Material(100e3, 0.3), more=(moved,)), case.problem) < 1e-10
 
 
-def answer_of_ccx(folder, text, num_points):
+def displacement_by_ccx(folder, text, num_points):
     """Displacements that CalculiX prints at the full load; in the file's own unit."""
     found = re.sub(r"(\*STATIC\n.*\n)", rf"\1{TIGHT}", text)
     (folder / "own.inp").write_text(found)
@@ -217,13 +210,13 @@ def answer_of_ccx(folder, text, num_points):
         ("*DENSITY\n1e-9\n*ELASTIC\n0.1, 0.3", "*STEP, NLGEOM, INC=100", "*DLOAD\nALL, BX, 4e-5"),
     ],
 )  # fmt: skip
-def test_calculix_answers_its_own_file_the_same(bring, tmp_path, material, step, acts):
+def test_calculix_solves_its_own_file_the_same(bring, tmp_path, material, step, acts):
     mesh = bars.bar()
-    text = bars.abaqus(mesh, material=material, step=step, acts=acts)
+    text = bars.abaqus(material=material, step=step, acts=acts)
     if "DSLOAD" in acts:
         # ccx takes the pressed face as it was an increment before: 4e-4 off in four of them.
         text = text.replace("0.25, 1.\n", "0.01, 1., 0.001, 0.01\n")
-    theirs = 1e-3 * answer_of_ccx(tmp_path, text, mesh.num_points)
+    theirs = 1e-3 * displacement_by_ccx(tmp_path, text, mesh.num_points)
     case, _ = bring(text, ".inp")
     ours = solve_static(case.problem, strain=case.strain).displacement
     # Seven digits are printed; ccx stops at a residual of 1e-9.
@@ -270,7 +263,7 @@ def test_calculix_answers_its_own_file_the_same(bring, tmp_path, material, step,
     ],
 )  # fmt: skip
 def test_what_a_case_cannot_say_is_refused(bring, tmp_path, old, new, says):
-    text = bars.abaqus(bars.bar())
+    text = bars.abaqus()
     assert old in text
     with pytest.raises(InputError, match=says):
         bring(text.replace(old, new, 1), ".inp")
@@ -278,7 +271,7 @@ def test_what_a_case_cannot_say_is_refused(bring, tmp_path, old, new, says):
 
 
 def test_coordinates_that_are_left_out_are_zero(bring):
-    text = bars.abaqus(bars.bar())
+    text = bars.abaqus()
     first = "\n1, 0.0, 0.0, 0.0\n"
     assert first in text
     for shorter in ("\n1\n", "\n1, , 0.0,\n"):
@@ -287,7 +280,7 @@ def test_coordinates_that_are_left_out_are_zero(bring):
 
 
 def test_units_are_asked_for(tmp_path):
-    (tmp_path / "model.inp").write_text(bars.abaqus(bars.bar()))
+    (tmp_path / "model.inp").write_text(bars.abaqus())
     with pytest.raises(InputError, match=r"give --units, one of m-N-Pa \(40 m long, .* mm-N-MPa"):
         import_model(tmp_path / "model.inp", tmp_path / "case.toml")
     with pytest.raises(InputError, match="unknown kind of model"):

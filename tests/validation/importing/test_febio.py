@@ -9,48 +9,13 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material
 from palpate.validation.importing import ImportRefusedError
 
-# The same in the words of each version: chapters "Boundary Section", "Loads Section" and
-# "LoadData Section" of the user's manuals of FEBio 2.9, 3.6 and 4.0.
-HELD = {
-    "2.5": '<fix bc="x,y,z" node_set="Held"/>',
-    "3.0": '<bc type="fix" node_set="Held"><dofs>x,y,z</dofs></bc>',
-    "4.0": '<bc name="root" type="zero displacement" node_set="Held">'
-    "<x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>",
-}
-MOVED = {
-    "2.5": '<prescribe bc="z" node_set="End"><scale lc="1">6</scale><relative>0</relative>'
-    "</prescribe>",
-    "3.0": '<bc type="prescribe" node_set="End"><dof>z</dof><scale lc="1">6</scale>'
-    "<relative>0</relative></bc>",
-    "4.0": '<bc type="prescribed displacement" node_set="End"><dof>z</dof>'
-    '<value lc="1">6</value><relative>0</relative></bc>',
-}
-PRESSED = (
-    '<surface_load type="pressure" surface="EndFace"><pressure lc="1">-0.004</pressure>'
-    "<linear>0</linear><symmetric_stiffness>1</symmetric_stiffness></surface_load>"
-)
-WEIGHED = {
-    "2.5": '<body_load type="const"><x lc="1">0</x><y>0</y><z lc="1">9810</z></body_load>',
-    "3.0": '<body_load type="const"><z lc="1">9810</z></body_load>',
-    "4.0": '<body_load type="body force"><force lc="1">0,0,9810</force></body_load>',
-}
-# At the end, t = 1, it is worth a half.
-CURVE = {
-    "2.5": '<LoadData><loadcurve id="1" type="linear"><point>0,0</point><point>2,1</point>'
-    "</loadcurve></LoadData>",
-    "3.0": '<LoadData><load_controller id="1" type="loadcurve"><interpolate>LINEAR</interpolate>'
-    "<points><point>0,0</point><point>2,1</point></points></load_controller></LoadData>",
-}
-CURVE["4.0"] = CURVE["3.0"].replace("point>", "pt>").replace("pts>", "points>")
 VERSIONS = ("2.5", "3.0", "4.0")
+PRESSED = bars.PRESSED
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_neo_hookean_bar_under_pressure_and_weight(bring, version):
-    text = bars.febio(
-        bars.bar(), version=version, boundary=HELD[version], loads=PRESSED + WEIGHED[version],
-        extra=CURVE[version],
-    )  # fmt: skip
+    text = bars.febio(version=version, loads=PRESSED + bars.WEIGHED[version])
     case, imported = bring(text, ".feb")
     material = Material(100e3, 0.4, 1000.0, Law.NEO_HOOKEAN)
     mesh = bars.bar()
@@ -65,7 +30,7 @@ def test_a_neo_hookean_bar_under_pressure_and_weight(bring, version):
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_moved_end_of_isotropic_elastic(bring, version):
     text = bars.febio(
-        bars.bar(), version=version, boundary=HELD[version] + MOVED[version], extra=CURVE[version],
+        version=version, boundary=bars.FIXED[version] + bars.MOVED[version],
         law="isotropic elastic", material="<E>0.1</E><v>0.3</v>",
     )  # fmt: skip
     case, imported = bring(text, ".feb")
@@ -93,10 +58,7 @@ def test_mooney_rivlin_with_both_pressure_models_and_dead_loads(bring, model, la
         '<surface_load type="pressure" surface="EndFace"><pressure>-0.001</pressure>'
         "<linear>1</linear></surface_load>"
     )
-    text = bars.febio(
-        bars.bar(), boundary=HELD["4.0"], law="Mooney-Rivlin", material=material, loads=loads,
-        extra=CURVE["4.0"],
-    )  # fmt: skip
+    text = bars.febio(law="Mooney-Rivlin", material=material, loads=loads)
     case, _ = bring(text, ".feb")
     ours = Material.mooney_rivlin(c10=1e3, c01=500.0, bulk_modulus=50e3, law=law)
     end = bars.pulled(bars.bar())
@@ -105,7 +67,7 @@ def test_mooney_rivlin_with_both_pressure_models_and_dead_loads(bring, model, la
 
 
 def test_a_facet_given_the_other_way_round_is_pulled(bring):
-    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED.replace(' lc="1"', ""))
+    text = bars.febio(loads=PRESSED.replace(' lc="1"', ""))
     a, b, c = bars.one_based(bars.pulled(bars.bar()))[0]
     assert f"{a}, {b}, {c}</tri3>" in text
     case, _ = bring(text.replace(f">{a}, {b}, {c}</tri3>", f">{a}, {c}, {b}</tri3>"), ".feb")
@@ -116,9 +78,7 @@ def test_a_facet_given_the_other_way_round_is_pulled(bring):
 def test_quadratic_cells_are_read_by_their_corners(bring):
     mesh = bars.bar()
     points, cells = bars.quadratic(mesh)
-    text = bars.febio(
-        mesh, boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"], points=points, cells=cells
-    )
+    text = bars.febio(loads=PRESSED, points=points, cells=cells)
     case, imported = bring(text, ".feb")
     material = Material(100e3, 0.4, 1000.0, Law.NEO_HOOKEAN)
     problem = bars.native(material, Pressure(bars.pulled(mesh), -2e3))
@@ -126,14 +86,12 @@ def test_quadratic_cells_are_read_by_their_corners(bring):
     assert any("96 quadratic tetrahedra" in line for line in imported.notes)
     assert not any("curved" in line for line in imported.notes)
     points[-1] += 0.5
-    text = bars.febio(
-        mesh, boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"], points=points, cells=cells
-    )
+    text = bars.febio(loads=PRESSED, points=points, cells=cells)
     assert any("are curved, by up to" in line for line in bring(text, ".feb")[1].notes)
 
 
 def test_two_materials_are_a_body_and_an_inclusion(bring):
-    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"])
+    text = bars.febio(loads=PRESSED)
     stiff = '<material id="2" name="Stiff" type="neo-Hookean"><E>0.05</E><v>0.4</v></material>'
     text = text.replace("</Material>", f"{stiff}</Material>")
     text = text.replace(
@@ -179,7 +137,7 @@ def test_two_materials_are_a_body_and_an_inclusion(bring):
     ],
 )  # fmt: skip
 def test_what_a_case_cannot_say_is_refused(bring, old, new, says):
-    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"])
+    text = bars.febio(loads=PRESSED)
     assert old in text
     with pytest.raises(ImportRefusedError, match=says) as caught:
         bring(text.replace(old, new, 1), ".feb")
@@ -201,10 +159,10 @@ def test_what_a_case_cannot_say_is_refused(bring, old, new, says):
             "</surface_load>",
             "a traction by deformed area",
         ),
-        ("neo-Hookean", "<E>1</E><v>0.3</v>", WEIGHED["4.0"].replace(' lc="1"', ""), "no density"),
+        ("neo-Hookean", "<E>1</E><v>0.3</v>", bars.WEIGHED["4.0"], "no density"),
     ],
 )  # fmt: skip
 def test_what_is_nearly_the_same_is_not_taken_for_it(bring, law, material, loads, says):
-    text = bars.febio(bars.bar(), boundary=HELD["4.0"], law=law, material=material, loads=loads)
+    text = bars.febio(law=law, material=material, loads=loads)
     with pytest.raises(ImportRefusedError, match=says):
         bring(text, ".feb")
