@@ -109,7 +109,7 @@ def febio(
     cells=None,
     points=None,
 ):
-    """A .feb file by the manual of that version; sets Held and End of nodes, and of their facets."""
+    """A .feb file by that version's manual; sets Held and End of nodes, and of their facets."""
     mesh = bar() if mesh is None else mesh
     boundary = FIXED[version] if boundary is None else boundary
     is_old = version == "2.5"
