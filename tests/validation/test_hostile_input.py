@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from case_texts import BLOCK, BOX, changed, moving
 from damage import damaged_copies, only_refusals
 
 from palpate.meshes.files import read_mesh, read_surface, write_mesh, write_surface
@@ -18,63 +19,11 @@ from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.run_comparison import compare_runs
 
-# A case with most tables in it, whose mesh is a file of a few cells.
-CASE = b"""
-schema = 1
-title = "A block"
-strain = "green"
-
-[units]
-length = "mm"
-stress = "kPa"
-
-[geometry]
-mesh = "block.vtu"
-
-[material]
-youngs_modulus = 10.0
-poissons_ratio = 0.3
-density = 900.0
-
-[[inclusion]]
-region = { ball = { center = [0.0, 0.0, 0.0], radius = 900.0 } }
-material = { youngs_modulus = 20.0, poissons_ratio = 0.4 }
-
-[[support]]
-region = { half_space = { point = [0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
-components = ["x", "y", "z"]
-displacement = [0.0, 0.0, 0.0]
-amplitude = { times = [0.0, 0.1], factors = [0.0, 1.0], smooth = true }
-
-[[load]]
-kind = "force"
-force = [0.6, 0.2, -0.1]
-region = { box = { min = [1999.0, -1.0, -1.0], max = [2001.0, 2000.0, 2000.0] } }
-
+MESH = 'mesh = "block.vtu"'
+MORE = """
 [[load]]
 kind = "gravity"
 acceleration = [0.0, 0.0, -9.81]
-
-[tool]
-shape = "capsule"
-radius = 5.0
-half_length = 20.0
-pose = [
-  { time = 0.0, position = [60.0, 0.0, 0.0], rotation = { axis = [1, 0, 0], angle_deg = 90.0 } },
-  { time = 0.5, position = [52.0, 0.0, 0.0] },
-]
-
-[time]
-end_time = 0.5
-time_step = 1e-4
-mass_damping = 4.0
-num_outputs = 50
-
-[[check]]
-metric = "trajectory_l2"
-against = "same_mesh"
-limit = 1e-8
-reason = "same equations"
 
 [[check]]
 metric = "published_displacement"
@@ -92,6 +41,15 @@ source = { who = "me", rows = [1, 2.5] }
 [evidence]
 question = "why"
 """
+# A case with most tables in it, whose mesh is a file of a few cells.
+CASE = changed(
+    BLOCK,
+    *moving(),
+    (BOX.replace("2.0, 1.0, 1.0", "2000.0, 1000.0, 1000.0").replace("0.5", "500.0"), MESH),
+    ('"displacement_l2"', '"trajectory_l2"'),
+    ("[[support]]", "[[support]]\ndisplacement = [0.0, 0.0, 0.0]"),
+    ("[[load]]", MORE + "\n[[load]]"),
+).encode()
 
 
 @pytest.fixture

@@ -28,6 +28,13 @@ def contents(path):
     return {file.read_text() for file in path.iterdir() if file.name != MARKER}
 
 
+@pytest.fixture
+def out(tmp_path):
+    """The folder of an old run."""
+    write_run(tmp_path / "out", "old")
+    return tmp_path / "out"
+
+
 def leftovers(path):
     return [p.name for p in path.parent.iterdir() if p != path]
 
@@ -48,10 +55,7 @@ def test_a_new_run_replaces_the_old_one(tmp_path):
         (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), InputError, "No space .* unchanged"),
     ],
 )
-def test_a_failure_leaves_the_old_run(tmp_path, error, reported, why):
-    out = tmp_path / "out"
-    write_run(out, "old")
-
+def test_a_failure_leaves_the_old_run(out, error, reported, why):
     def broken():
         with run_folder(out) as fresh:
             (fresh / "a.txt").write_text("half")
@@ -78,9 +82,7 @@ def test_a_folder_with_other_things_is_left_alone(tmp_path):
         write_run(tmp_path / "file" / "out", "new")
 
 
-def test_two_runs_at_once_leave_one_of_them_whole(tmp_path):
-    out = tmp_path / "out"
-    write_run(out, "old")
+def test_two_runs_at_once_leave_one_of_them_whole(out):
     seen = []
     runs = [
         threading.Thread(target=write_run, args=(out, word, 0.01))
@@ -106,9 +108,7 @@ def test_two_runs_at_once_leave_one_of_them_whole(tmp_path):
     assert seen
 
 
-def test_ctrl_c_in_the_middle_of_a_report(tmp_path):
-    out = tmp_path / "out"
-    write_run(out, "old")
+def test_ctrl_c_in_the_middle_of_a_report(out):
     code = (
         "import signal, sys, time\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -127,9 +127,7 @@ def test_ctrl_c_in_the_middle_of_a_report(tmp_path):
     assert leftovers(out) == []
 
 
-def test_files_of_the_users_own_beside_a_report_stay(tmp_path):
-    out = tmp_path / "out"
-    write_run(out, "old")
+def test_files_of_the_users_own_beside_a_report_stay(out):
     (out / "notes.txt").write_text("mine")
     (out / "mine" / "empty").mkdir(parents=True)
     (out / "mine" / "plot.py").write_text("mine")
@@ -146,14 +144,10 @@ def test_files_of_the_users_own_beside_a_report_stay(tmp_path):
         assert leftovers(out) == []
 
 
-def test_a_file_of_ones_own_stays_where_there_are_no_hard_links_and_no_exchange(
-    tmp_path, monkeypatch
-):
+def test_a_file_of_ones_own_stays_where_there_are_no_hard_links_and_no_exchange(out, monkeypatch):
     def refuse(*_given, **_named):
         raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
-    out = tmp_path / "out"
-    write_run(out, "old")
     (out / "notes.txt").write_text("mine")
     monkeypatch.setattr(os, "link", refuse)
     monkeypatch.setattr(ctypes, "CDLL", lambda *_given, **_named: object())  # no renameat2
@@ -210,10 +204,7 @@ def test_a_run_killed_in_the_swap_loses_nothing(tmp_path):
     assert sorted(path.name for path in kept.iterdir()) == [MARKER, "late.txt"]
 
 
-def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(tmp_path):
-    out = tmp_path / "out"
-    write_run(out, "old")
-
+def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(out, tmp_path):
     def run_and_edit():
         with run_folder(out) as fresh:
             (fresh / "a.txt").write_text("new")
@@ -237,9 +228,7 @@ def test_a_results_file_alone_does_not_make_a_folder_a_runs(tmp_path):
     assert len(list(project.iterdir())) == 3
 
 
-def test_a_changed_file_of_an_old_run_is_somebodys_own(tmp_path):
-    out = tmp_path / "out"
-    write_run(out, "old")
+def test_a_changed_file_of_an_old_run_is_somebodys_own(out):
     (out / "a.txt").write_text("my remarks")
     with pytest.raises(InputError, match=r"changed since \(a\.txt\).*move them"):
         write_run(out, "new")

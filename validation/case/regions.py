@@ -49,9 +49,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     else:
         inside = np.ones(len(facets), dtype=bool)
     inside &= _contains(mesh.points[facets].mean(axis=1), region, units)
-    if not inside.any():
-        raise EmptyRegionError(_nothing(mesh, units, what, "boundary facet"))
-    chosen: Indices = np.ascontiguousarray(facets[inside])
+    chosen: Indices = facets[_some(inside, mesh, units, what, "boundary facet")]
     return chosen
 
 
@@ -73,9 +71,7 @@ def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> 
         named = _group(mesh, region.group, what)
         behind = are_among(mesh.cells[:, CELL_FACETS].reshape(-1, 3), named)
         inside &= behind.reshape(-1, 4).any(axis=1)
-    if not inside.any():
-        raise EmptyRegionError(_nothing(mesh, units, what, "cell"))
-    return np.flatnonzero(inside).astype(np.int32)
+    return _some(inside, mesh, units, what, "cell")
 
 
 def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
@@ -93,9 +89,7 @@ def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
         else:
             is_named[_group(mesh, region.group, what)] = True
         inside &= is_named
-    if not inside.any():
-        raise EmptyRegionError(_nothing(mesh, units, what, "point"))
-    return np.flatnonzero(inside).astype(np.int32)
+    return _some(inside, mesh, units, what, "point")
 
 
 def _group(mesh: TetMesh, name: str, what: str) -> Indices:
@@ -202,12 +196,15 @@ def _shown(position: NDArray[np.float64], units: Units) -> list[float]:
     return [float(f"{float(x) / units.metres(1.0):.6g}") for x in position]
 
 
-def _nothing(mesh: TetMesh, units: Units, what: str, part: str) -> str:
-    low, high = (_shown(c, units) for c in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
-    return (
-        f"{what}: the region selects no {part}; the body reaches from {low} to {high} "
-        f"{units.length}; move or enlarge the region"
-    )
+def _some(inside: NDArray[np.bool_], mesh: TetMesh, units: Units, what: str, part: str) -> Indices:
+    """The numbers of what is chosen, of which there has to be some."""
+    if not inside.any():
+        low, high = (_shown(c, units) for c in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
+        raise EmptyRegionError(
+            f"{what}: the region selects no {part}; the body reaches from {low} to {high} "
+            f"{units.length}; move or enlarge the region"
+        )
+    return np.flatnonzero(inside).astype(np.int32)
 
 
 def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) -> Part | None:
@@ -227,12 +224,16 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
     mesh = problem.mesh
     weights = np.zeros_like(mesh.points)
     none = np.zeros(0, dtype=np.int32)
-    if spec.support is not None:
-        if spec.support > len(problem.supports):
+    for key, number, tables in (
+        ("support", spec.support, problem.supports),
+        ("tool", spec.tool, problem.tools),
+    ):
+        if number is not None and number > len(tables):
             raise InputError(
-                f"{what}: support = {spec.support}, but the case has {len(problem.supports)} "
-                "[[support]] tables, counted from 1"
+                f"{what}: {key} = {number}, but the case has {len(tables)} [[{key}]] tables, "
+                "counted from 1"
             )
+    if spec.support is not None:
         support = problem.supports[spec.support - 1]
         if support.is_moved and support.amplitude is not None and problem.time is not None:
             raise InputError(
@@ -240,14 +241,8 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
                 "is no part of what is read of its force; check one at rest"
             )
         weights[support.points] = support.components
-        number = spec.support - 1
-        return Part(none, weights, support=number, says=f"support {spec.support}")
+        return Part(none, weights, support=spec.support - 1, says=f"support {spec.support}")
     if spec.tool is not None:
-        if spec.tool > len(problem.tools):
-            raise InputError(
-                f"{what}: tool = {spec.tool}, but the case has {len(problem.tools)} [[tool]] "
-                "tables, counted from 1"
-            )
         return Part(none, weights, tool=spec.tool - 1, says=f"tool {spec.tool}")
     if spec.region is None:
         return None
