@@ -28,6 +28,8 @@ from palpate.meshes.problem import Element, Inclusion, Problem, Strain
 from palpate.meshes.rigid_tool import ToolError
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.metrics.laws import strain_of
+from palpate.validation.states import CellStresses
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
 # A cell below this fraction of its volume is pressed no further: soon the law softens, and such a
@@ -80,18 +82,12 @@ class Surface:
         """
         own = displacement[self._points]
         if of_strain:
-            gradient = body.displacement_gradients(own)
-            tensor = 0.5 * (gradient + gradient.transpose(0, 2, 1))
-            if body.strain is Strain.GREEN:
-                tensor = tensor + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
-            factor = 2.0 / 3.0
+            strains = strain_of(body.displacement_gradients(own), body.strain)
+            of_cells = CellStresses(strains, strains).von_mises * (2.0 / 3.0)
         else:
-            tensor, factor = cauchy_stress(body, own), 1.5
-        mean = np.trace(tensor, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
-        of_cells = np.sqrt(factor * np.sum((tensor - mean) ** 2, axis=(1, 2)))
-        total = np.bincount(
-            self._corners.reshape(-1), np.repeat(of_cells, 4), minlength=len(self._counts)
-        )
+            stresses = cauchy_stress(body, own)
+            of_cells = CellStresses(stresses, stresses).von_mises
+        total = np.bincount(self._corners.ravel(), np.repeat(of_cells, 4), len(self._counts))
         at_points: Floats = (total / self._counts)[self._shown]
         return at_points
 

@@ -191,13 +191,13 @@ def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
     if command is None:
         return False
     progress(f"{entry.name} compiles: once for nothing, on {case.path.stem}")
+    simulator = OutsideSimulator(command, _WARM_UP)
     try:
-        simulator = OutsideSimulator(command, _WARM_UP)
         simulator.run(case.problem, case.strain, in_silence, case_name=case.path.stem)
     except CannotPoseError:
         return False
     except (CandidateFailedError, InputError):
-        return True
+        pass  # a case that it fails on compiles as well
     return True
 
 

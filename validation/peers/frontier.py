@@ -88,6 +88,7 @@ def compute(progress: Progress) -> Runs:
         for problem in (finest, half)
     )
     rows: list[Row] = []
+    condensed: list[Row] = []
     left_out: list[str] = []
 
     def leave_out(line: str) -> None:
@@ -100,13 +101,9 @@ def compute(progress: Progress) -> Runs:
         seconds, solutions[n] = time_fastsim(problem)
         error = truth.error_of(problem.mesh, solutions[n])
         rows.append(Row(*us, problem.mesh.num_cells, seconds, error, 0.0))
-    rows += [
-        row
-        for n, problem in problems.items()
-        for row in time_condensed(problem, solutions[n], truth)
-    ]
-    rows += run_installed(problems, solutions, truth, progress, leave_out)
-    return Runs(rows, left_out, truth.change_of(coarser))
+        condensed += time_condensed(problem, solutions[n], truth)
+    others = run_installed(problems, solutions, truth, progress, leave_out)
+    return Runs([*rows, *condensed, *others], left_out, truth.change_of(coarser))
 
 
 def run_installed(
@@ -160,11 +157,9 @@ def _run_peer(
     result, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = result.about
     placed = place(result, problem)
-    found = placed.displacement[0]
-    if placed.own_mesh is None or placed.own_displacement is None:
-        error = truth.error_of(problem.mesh, found)
-    else:
-        error = truth.error_of(placed.own_mesh, placed.own_displacement[0])
+    found, mesh, own = placed.displacement[0], problem.mesh, placed.displacement
+    if placed.own_mesh is not None and placed.own_displacement is not None:
+        mesh, own = placed.own_mesh, placed.own_displacement
     law = str(about["law"])
     return Row(
         str(about["tool"]),
@@ -173,7 +168,7 @@ def _run_peer(
         str(about.get("method", "Newton, dense matrices")),
         problem.mesh.num_cells,
         float(str(about.get("seconds", seconds))),
-        error,
+        truth.error_of(mesh, own[0]),
         None if ours is None else float(np.abs(found - ours).max() / np.abs(ours).max()),
     )
 

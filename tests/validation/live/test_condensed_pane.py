@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 
 import numpy as np
 import pytest
@@ -16,9 +14,7 @@ from palpate.validation.live.bench_touch import connected
 from palpate.validation.live.live_case import Touch, live_case
 from palpate.validation.live.panes import ExplicitPane, Surface, condensed_words, make_panes
 from palpate.validation.live.recording import make_grip
-from palpate.validation.live.server import PageServer
 
-Serving = Callable[..., AbstractContextManager[PageServer]]
 BALL = {"shape": "sphere", "radius": 16.0}
 
 
@@ -59,7 +55,7 @@ def test_it_is_where_the_linear_pane_comes_to_rest(element: Element) -> None:
     assert not condensed.pull().any()
 
 
-def test_the_page_has_it_without_the_cases_loads(serving: Serving) -> None:
+def test_the_page_has_it_without_the_cases_loads(serving) -> None:
     touch = Touch(BALL, mass_damping=100.0, is_condensed=True)
     with serving("block", touch) as server, connected(server.address) as client:
         assert client.scene["panes"][-1] == "linear strain (condensed)"

@@ -13,8 +13,8 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,6 @@ from palpate.validation.live.bench_touch import Client, connected
 from palpate.validation.live.live_case import Touch
 from palpate.validation.live.server import IN_USE, PageServer, TouchUnavailableError
 
-Serving = Callable[..., AbstractContextManager[PageServer]]
-
 
 def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
     request = urllib.request.Request(address, headers=headers)
@@ -38,7 +36,7 @@ def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
         return error.code, dict(error.headers), error.read().decode()
 
 
-def test_the_page_is_given_by_its_token_alone_and_fetches_nothing(serving: Serving) -> None:
+def test_the_page_is_given_by_its_token_alone_and_fetches_nothing(serving) -> None:
     with serving("block") as server:
         status, headers, page = get(server.address)
         assert status == 200
@@ -58,7 +56,7 @@ def test_the_page_is_given_by_its_token_alone_and_fetches_nothing(serving: Servi
         assert get(server.address, Host="evil.example")[0] == 403
 
 
-def test_a_page_of_another_origin_gets_no_socket(serving: Serving) -> None:
+def test_a_page_of_another_origin_gets_no_socket(serving) -> None:
     from websockets.exceptions import InvalidStatus
 
     with serving("block") as server:
@@ -75,7 +73,7 @@ def test_a_page_of_another_origin_gets_no_socket(serving: Serving) -> None:
                 pass
 
 
-def test_a_second_page_is_refused_and_the_first_goes_on(serving: Serving) -> None:
+def test_a_second_page_is_refused_and_the_first_goes_on(serving) -> None:
     from websockets.exceptions import ConnectionClosed
 
     with serving("block") as server:
@@ -91,9 +89,7 @@ def test_a_second_page_is_refused_and_the_first_goes_on(serving: Serving) -> Non
             assert next_one.hear()["time"] > 0.05
 
 
-def test_a_thousand_malformed_messages_harm_nothing(
-    serving: Serving, malformed: list[str | bytes]
-) -> None:
+def test_a_thousand_malformed_messages_harm_nothing(serving, malformed: list[str | bytes]) -> None:
     with serving("block") as server, connected(server.address) as client:
         x, y, z = client.scene["tool"]["start"]
         client.say("tool", number=1, to=[x - 6.0, y, z])
@@ -148,7 +144,7 @@ def patiently_connected(server: PageServer) -> Iterator[Client]:
      b"GET / HTTP/1.1\r\n\r\n"],
     ids=repr,
 )  # fmt: skip
-def test_a_broken_frame_ends_that_socket_only(shared: PageServer, frame: bytes) -> None:
+def test_a_broken_frame_ends_that_socket_only(shared, frame: bytes) -> None:
     with raw(shared) as wire:
         wire.sendall(frame)
     with patiently_connected(shared) as client:
@@ -157,7 +153,7 @@ def test_a_broken_frame_ends_that_socket_only(shared: PageServer, frame: bytes) 
 
 
 @pytest.mark.parametrize("begun", [b"", b"GET", b"GET / HTTP/1.1\r\nHost: ", b"\x16\x03\x01\0"])
-def test_half_a_request_ends_nothing(shared: PageServer, begun: bytes) -> None:
+def test_half_a_request_ends_nothing(shared, begun: bytes) -> None:
     host, port = shared.address.split("/")[2].split(":")
     with socket.create_connection((host, int(port)), timeout=10) as wire:
         wire.sendall(begun)
@@ -166,7 +162,7 @@ def test_half_a_request_ends_nothing(shared: PageServer, begun: bytes) -> None:
 
 
 def test_a_socket_that_asks_for_nothing_does_not_hold_up_the_end(
-    serving: Serving, monkeypatch: pytest.MonkeyPatch
+    serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Browsers open one in advance; `serving` fails when the server has not ended in time."""
     from websockets.asyncio.server import serve
@@ -180,7 +176,7 @@ def test_a_socket_that_asks_for_nothing_does_not_hold_up_the_end(
         get(server.address)  # the socket, which came first, has been accepted
 
 
-def test_a_message_that_is_too_long_ends_that_socket_only(serving: Serving) -> None:
+def test_a_message_that_is_too_long_ends_that_socket_only(serving) -> None:
     from websockets.exceptions import ConnectionClosed
 
     with serving("block") as server:
@@ -207,7 +203,7 @@ def test_without_its_library_it_says_what_to_install(
         PageServer(load_case("block"), Touch(), (), folder=tmp_path)
 
 
-def test_it_ends_when_the_page_stays_away(serving: Serving) -> None:
+def test_it_ends_when_the_page_stays_away(serving) -> None:
     with serving("block", patience=0.05) as server:
         with connected(server.address) as client:
             client.until_time(0.05)
@@ -215,7 +211,7 @@ def test_it_ends_when_the_page_stays_away(serving: Serving) -> None:
         assert not server.simulation.is_alive()
 
 
-def test_a_page_that_comes_back_keeps_it_awake(serving: Serving) -> None:
+def test_a_page_that_comes_back_keeps_it_awake(serving) -> None:
     with serving("block", patience=1.0) as server:
         with connected(server.address) as client:
             client.until_time(0.05)
@@ -227,7 +223,7 @@ def test_a_page_that_comes_back_keeps_it_awake(serving: Serving) -> None:
 
 
 def test_a_verdict_that_is_being_found_ends_with_the_server(
-    serving: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sleeper = "import os, sys, time; print(os.getpid(), flush=True); time.sleep(600)"
     (tmp_path / "sleeping_verdict.py").write_text(sleeper)

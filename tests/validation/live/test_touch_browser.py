@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from palpate.validation.live.server import PageServer
 
 pytestmark = pytest.mark.browser
 
-Serving = Callable[..., AbstractContextManager[PageServer]]
 # A verdict without FEniCSx: an error for each pane on the same mesh, then none of the truth.
 STUB = """
 import sys
@@ -63,7 +61,7 @@ def picture(browser: Any) -> np.ndarray:
 
 
 @pytest.fixture
-def page(browser: Any, serving: Serving) -> Iterator[PageServer]:
+def page(browser: Any, serving) -> Iterator[PageServer]:
     browser.get_log("browser")
     with serving("block", Touch(mass_damping=100.0)) as server:
         browser.set_window_size(900, 420)

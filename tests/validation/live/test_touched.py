@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +19,10 @@ from palpate.validation.live.bench_touch import Client, connected
 from palpate.validation.live.live_case import Touch, live_case, problem_of
 from palpate.validation.live.panes import ExplicitPane, Surface
 from palpate.validation.live.pointer import Pointer
-from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
 from palpate.validation.solving import solve
 from palpate.validation.states import Verdict
 
-Serving = Callable[..., AbstractContextManager[PageServer]]
 CAPSULE = {"shape": "capsule", "radius": 9.0, "half_length": 8.0}
 PLATE = {"shape": "box", "half_widths": [9.0, 30.0, 30.0]}
 
@@ -38,7 +34,7 @@ def pressed(client: Client, depth: float, seconds: float = 1.0) -> dict[str, obj
     return client.until_time(client.frames[-1]["time"] + seconds if client.frames else seconds)
 
 
-def test_the_force_on_the_hand_is_that_of_statics(serving: Serving) -> None:
+def test_the_force_on_the_hand_is_that_of_statics(serving) -> None:
     touch = Touch(PLATE, mass_damping=100.0)
     with serving("block", touch) as server, connected(server.address) as client:
         gap = client.scene["tool"]["start"][0] - 40.0 - 9.0
@@ -62,7 +58,7 @@ def test_the_force_on_the_hand_is_that_of_statics(serving: Serving) -> None:
         assert heads[-1]["panes"][1]["volume"] < 0.0
 
 
-def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving: Serving) -> None:
+def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving) -> None:
     with (
         serving("block", Touch(mass_damping=100.0)) as server,
         connected(server.address) as client,
@@ -120,7 +116,7 @@ def test_a_tool_that_is_driven_through_the_body_is_retreating(radius: float) -> 
     assert pane.mean_force()[0] > 0.0
 
 
-def test_pause_stops_the_bodies_and_reset_brings_them_back(serving: Serving) -> None:
+def test_pause_stops_the_bodies_and_reset_brings_them_back(serving) -> None:
     with serving("block") as server, connected(server.address) as client:
         pressed(client, 12.0, 0.2)
         client.say("pause", on=True)
@@ -134,7 +130,7 @@ def test_pause_stops_the_bodies_and_reset_brings_them_back(serving: Serving) -> 
         assert after["tool"] == pytest.approx(client.scene["tool"]["start"])
 
 
-def test_three_panes_where_both_elements_are_there(serving: Serving) -> None:
+def test_three_panes_where_both_elements_are_there(serving) -> None:
     both = tuple(Element)
     with serving("block", elements=both) as server, connected(server.address) as client:
         pressed(client, 8.0, 0.6)
@@ -149,7 +145,7 @@ def test_three_panes_where_both_elements_are_there(serving: Serving) -> None:
         assert forces[2] < forces[1]
 
 
-def test_with_the_cases_loads_the_bodies_move_by_themselves(serving: Serving) -> None:
+def test_with_the_cases_loads_the_bodies_move_by_themselves(serving) -> None:
     with serving("block", Touch(mass_damping=50.0)) as server, connected(server.address) as client:
         assert client.until_time(0.1)["panes"][1]["energy"] == 0.0
         client.say("loads", on=True)
@@ -159,7 +155,7 @@ def test_with_the_cases_loads_the_bodies_move_by_themselves(serving: Serving) ->
 
 
 @pytest.fixture
-def recorded(serving: Serving) -> tuple[Simulation, Path]:
+def recorded(serving) -> tuple[Simulation, Path]:
     """A motion by tool and by grip, under the case's own loads."""
     with serving("block", Touch(CAPSULE, has_loads=True)) as server:
         with connected(server.address) as client:
