@@ -151,6 +151,7 @@ class Pane(ABC):
         name: The name that people read.
 
     Attributes:
+        spring: The spring that pulls; None where there is none.
         trouble: The reason why the body stands still; empty while it moves.
         smallest_det_f: The smallest det F of late; 1 under linear strain, which does not define it.
         largest_speed: Speed of the tool up to which vertices can follow [m/s].
@@ -159,15 +160,15 @@ class Pane(ABC):
     """
 
     largest_speed = float("inf")
+    _elastic: Body
 
     def __init__(
         self, problem: Problem, surface: Surface, strain: Strain, element: Element, name: str
     ) -> None:
         self.name, self.strain, self.element = name, strain, element
-        self.trouble, self.smallest_det_f = "", 1.0
-        self.seconds = self.cpu_seconds = 0.0
         self._surface, self._skin = surface, surface.body(strain)
-        self._rest = problem.mesh.points[surface.used]
+        self._points = problem.mesh.points
+        self._rest = self._points[surface.used]
         self._volume = surface.volume(self._rest)
 
     @property
@@ -180,40 +181,52 @@ class Pane(ABC):
     def displacement(self) -> Points:
         """Displacement of all points [m], shape (num_points, 3)."""
 
-    @abstractmethod
     def reset(self) -> None:
         """Return the body to rest at time 0, and the tool to its start."""
+        self.spring: Spring | None = None
+        self._anchor = np.zeros(3)
+        self.trouble, self.smallest_det_f = "", 1.0
+        self.seconds = self.cpu_seconds = 0.0
 
-    @abstractmethod
     def attach(self, spring: Spring) -> None:
         """Add a spring to those of the problem."""
+        self.spring, self._anchor = spring, np.array(spring.path.end)
+        self._patch = PatchSprings(self._points, (spring,))
 
-    @abstractmethod
     def release(self) -> None:
         """Remove the spring of `attach`."""
+        self.spring = None
 
-    @abstractmethod
     def pull(self) -> Floats:
         """Present force of the body on the anchor of the spring [N], shape (3,)."""
+        if self.spring is None:
+            return np.zeros(3)
+        moved = np.zeros_like(self._points)
+        moved[self._surface.used] = self._moved()
+        back: Floats = -self._patch.resultants(moved, self._anchor[None], np.ones(1))[0]
+        return back
+
+    def strain_energy(self) -> float:
+        """Strain energy of the body [J]."""
+        return self._elastic.strain_energy(self.displacement)
 
     @abstractmethod
     def mean_force(self) -> Floats:
         """Mean force of the body on the tool since the last call [N], shape (3,)."""
 
     @abstractmethod
-    def strain_energy(self) -> float:
-        """Strain energy of the body [J]."""
-
-    @abstractmethod
-    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None: ...
+    def _step(self, position: Floats, num_steps: int) -> None:
+        """Take the steps of a tick, the anchor going to `_anchor`."""
 
     def advance(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
         """Advance by a tick, in which tool and anchor move to these positions [m], shape (3,)."""
         if self.trouble:
             return
+        if self.spring is not None and anchor is not None:
+            self._anchor = anchor
         begin, cpu = time.perf_counter(), time.thread_time()
         try:
-            self._step(position, anchor, num_steps)
+            self._step(position, num_steps)
         except (FastsimError, ToolError) as error:
             self.trouble = str(error)
         self.seconds = time.perf_counter() - begin
@@ -249,7 +262,7 @@ class ExplicitPane(Pane):
         smoothed = " (smoothed)" if element is Element.SMOOTHED else ""
         super().__init__(problem, surface, strain, element, STRAIN_NAMES[strain] + smoothed)
         self.body = ExplicitBody(problem, strain=strain, element=element)
-        self._first = self.body.springs
+        self._elastic, self._first = self.body.elastic, self.body.springs
         self._between = BetweenVertices(problem)
         if self.body.tools is not None:
             self.largest_speed = min(self.body.tools.largest_speeds)
@@ -267,34 +280,32 @@ class ExplicitPane(Pane):
 
     def reset(self) -> None:
         """See `Pane`."""
-        self._is_grabbed = False
+        super().reset()
         self.body.change_springs(self._first.anew())
-        points = self.body.problem.mesh.points
         start = self.body.problem.initial_velocity
-        self.body.set_state(np.zeros_like(points), None if start is None else start.at(points))
-        self.trouble, self.smallest_det_f = "", 1.0
+        velocity = None if start is None else start.at(self._points)
+        self.body.set_state(np.zeros_like(self._points), velocity)
         self._is_through = self._touches = False
         self._ticks = 0
         self._impulse, self._since, self._force = np.zeros(3), 0.0, np.zeros(3)
-        self.seconds = self.cpu_seconds = 0.0
 
     def attach(self, spring: Spring) -> None:
         """See `Pane`."""
+        super().attach(spring)
         self.body.change_springs(self.body.springs.with_spring(spring))
-        self._is_grabbed = True
 
     def release(self) -> None:
         """See `Pane`."""
-        if self._is_grabbed:
+        if self.spring is not None:
             self.body.change_springs(self.body.springs.without_spring(len(self.body.springs) - 1))
-            self._is_grabbed = False
+        super().release()
 
-    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
+    def _step(self, position: Floats, num_steps: int) -> None:
         body = self.body
         body.move_tool(0, position)
-        if self._is_grabbed and anchor is not None:
+        if self.spring is not None:
             end = (body.steps + num_steps) * body.time_step
-            body.springs.send(len(body.springs) - 1, anchor, body.time, end)
+            body.springs.send(len(body.springs) - 1, self._anchor, body.time, end)
         body.step(num_steps)
         record = body.take_tool_records()[0]
         self._touches = bool(np.any(record["impulse"]))
@@ -307,24 +318,12 @@ class ExplicitPane(Pane):
             depth = self._between.depth(position, body.displacement) if self._touches else 0.0
             self._is_through = self._between.is_through(depth)
 
-    def pull(self) -> Floats:
-        """See `Pane`."""
-        if not self._is_grabbed:
-            return np.zeros(3)
-        pulled = self.body.springs.resultants(self.body.displacement, self.body.time)
-        back: Floats = -pulled[-1]
-        return back
-
     def mean_force(self) -> Floats:
         """See `Pane`."""
         if self._since:
             self._force = self._impulse / self._since
             self._impulse, self._since = np.zeros(3), 0.0
         return self._force
-
-    def strain_energy(self) -> float:
-        """See `Pane`."""
-        return self.body.elastic.strain_energy(self.displacement)
 
 
 class CondensedSpring:
@@ -334,30 +333,29 @@ class CondensedSpring:
 
     Args:
         model: The condensed model of the body.
-        spring: The spring over the patch; its path is not read.
+        patch: The spring.
 
     Attributes:
         rows: Rows of the model's touched points on which it pulls.
         force: Its force on these points [N], shape (len(rows), 3).
     """
 
-    def __init__(self, model: CondensedModel, spring: Spring) -> None:
+    def __init__(self, model: CondensedModel, patch: PatchSprings) -> None:
         mesh = model.problem.mesh
-        self.patch = PatchSprings(mesh.points, (spring,))
         row = np.full(mesh.num_points, -1, dtype=np.int32)
         row[model.touched] = np.arange(len(model.touched))
-        corners = np.unique(self.patch.facets)
+        corners = np.unique(patch.facets)
         # Points that are fixed in all components take no force.
         points = corners[row[corners] >= 0]
         self.rows: Indices = row[points]
-        self._sums = self.patch.row_sums()[points]
+        self._sums = patch.row_sums()[points]
         self._seen = self.rows + len(model.seen) - len(model.touched)
         stiffness, compliance = [], []
         for point in points:
             for axis in range(3):
                 unit = np.zeros_like(mesh.points)
                 unit[point, axis] = 1.0
-                stiffness.append(self.patch.multiply(unit)[points].ravel())
+                stiffness.append(patch.multiply(unit)[points].ravel())
                 response = model.compliance.response(unit[model.touched])
                 compliance.append(response[self._seen].ravel())
         self._stiffness, self._compliance = np.array(stiffness).T, np.array(compliance).T
@@ -413,29 +411,28 @@ class CondensedPane(Pane):
 
     def reset(self) -> None:
         """See `Pane`."""
-        self._spring: CondensedSpring | None = None
-        self._anchor = np.zeros(3)
+        super().reset()
+        self._pulling: CondensedSpring | None = None
         self._steps.clear()
         self._steps.set_base()
         self._seen = np.zeros((len(self._model.seen), 3))
         self._force = np.zeros(3)
-        self.seconds = self.cpu_seconds = 0.0
 
     def attach(self, spring: Spring) -> None:
         """See `Pane`."""
-        self._spring = CondensedSpring(self._model, spring)
-        self._anchor = np.array(spring.path.end)
+        super().attach(spring)
+        self._pulling = CondensedSpring(self._model, self._patch)
 
     def release(self) -> None:
         """See `Pane`."""
-        self._spring = None
+        super().release()
+        self._pulling = None
         self._steps.set_base()
 
-    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
+    def _step(self, position: Floats, num_steps: int) -> None:
         del num_steps  # there is one equilibrium
-        if self._spring is not None:
-            self._anchor = self._anchor if anchor is None else anchor
-            self._spring.pull(self._anchor, self._seen)
+        if self._pulling is not None:
+            self._pulling.pull(self._anchor, self._seen)
             self._steps.set_base(self._spring_forces())
         try:
             state = self._steps.step([(position, self._rotation)])
@@ -447,28 +444,14 @@ class CondensedPane(Pane):
         moved: Points = self._seen[self._used]
         return moved
 
-    def pull(self) -> Floats:
-        """See `Pane`."""
-        if self._spring is None:
-            return np.zeros(3)
-        moved = np.zeros_like(self._model.problem.mesh.points)
-        moved[self._model.seen] = self._seen
-        pulled = self._spring.patch.resultants(moved, self._anchor[None], np.ones(1))
-        back: Floats = -pulled[0]
-        return back
-
     def mean_force(self) -> Floats:
         """See `Pane`."""
         return self._force
 
-    def strain_energy(self) -> float:
-        """See `Pane`."""
-        return self._elastic.strain_energy(self.displacement)
-
     def _spring_forces(self) -> Points:
         forces = np.zeros((len(self._model.touched), 3))
-        if self._spring is not None:
-            forces[self._spring.rows] = self._spring.force
+        if self._pulling is not None:
+            forces[self._pulling.rows] = self._pulling.force
         return forces
 
 

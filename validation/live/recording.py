@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -288,7 +289,5 @@ def write_case(case: Case, data: dict[str, Any], folder: Path, name: str) -> Pat
 
 def free_name(folder: Path, stem: str) -> str:
     """A name that no case of the folder has: stem-1, stem-2, ..."""
-    number = 1
-    while (folder / f"{stem}-{number}.toml").exists():
-        number += 1
-    return f"{stem}-{number}"
+    names = (f"{stem}-{number}" for number in itertools.count(1))
+    return next(name for name in names if not (folder / f"{name}.toml").exists())

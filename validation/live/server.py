@@ -180,7 +180,7 @@ class PageServer:
         self._page = page_text(case, self.simulation).encode()
         self._patience, self._is_stopping = patience, False
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._held: ServerConnection | None = None
+        self._connection: ServerConnection | None = None
         self._notes: deque[str] = deque()
         self._slot: tuple[int, bytes] | None = None
         # The frame that the simulation has made and the loop has not sent yet.
@@ -233,7 +233,7 @@ class PageServer:
             create_connection=Connection,
             sock=self._socket,
             origins=[self._origin],  # type: ignore[list-item]
-            process_request=self._answer,
+            process_request=self._respond,
             max_size=protocol.MOST_BYTES,
             compression=None,
             server_header=None,
@@ -260,11 +260,11 @@ class PageServer:
                 await asyncio.wait_for(
                     self._gone.wait(), None if math.isinf(self._patience) else self._patience
                 )
-        return self._held is None
+        return self._connection is None
 
     # ---------------------------------------------------------------- requests
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _respond(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page or a refusal; None lets the socket open."""
         if request.headers.get_all("Host") != [f"{HOST}:{self._port}"]:
             return connection.respond(HTTPStatus.FORBIDDEN, "another host\n")
@@ -297,10 +297,10 @@ class PageServer:
     # ---------------------------------------------------------------- the socket
 
     async def _attend(self, connection: ServerConnection) -> None:
-        if self._held is not None:
+        if self._connection is not None:
             await connection.close(IN_USE, "another window touches this body")
             return
-        self._held = connection
+        self._connection = connection
         self._notes.clear()
         self._slot = None
         self._shown = self._sent
@@ -314,7 +314,7 @@ class PageServer:
             sending.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await sending
-            self._held = None
+            self._connection = None
             self.simulation.seen(False)
             self._gone.set()
 
@@ -349,7 +349,7 @@ class PageServer:
                     await connection.send(frame)
 
     def _wants_frame(self) -> bool:
-        return self._held is not None and self._slot is None and not self._is_coming
+        return self._connection is not None and self._slot is None and not self._is_coming
 
     def _take(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
         """Take a frame or a note for the page from the simulation's thread."""
@@ -362,7 +362,7 @@ class PageServer:
     def _put(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
         if isinstance(news, tuple):
             self._is_coming = False
-        if self._held is None:
+        if self._connection is None:
             return
         if isinstance(news, tuple):
             self._slot = news

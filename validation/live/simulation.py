@@ -81,8 +81,8 @@ class Simulation(threading.Thread):
         self._recorded: list[Floats] | None = None
         self._judging: Judging | None = None
         self.recorded_grips: list[Grip] = []
-        self._answered = (0, 0.0)
-        self._unanswered: tuple[int, float] | None = None
+        self._shown_order = (0, 0.0)
+        self._new_order: tuple[int, float] | None = None
         mesh = case.mesh.mesh
         rest = mesh.points[np.unique(mesh.boundary_facets)] * 1e3
         self._frames = FrameMaker(rest, case.problem.material.youngs_modulus)
@@ -223,8 +223,8 @@ class Simulation(threading.Thread):
         self._ticks += 1
         if self._settling is not None:
             self._settle(self._settling)
-        if self._unanswered is not None:
-            self._answered, self._unanswered = self._unanswered, None
+        if self._new_order is not None:
+            self._shown_order, self._new_order = self._new_order, None
         if self._recorded is not None:
             self._recorded.append(position.copy())
             if len(self._recorded) * clock.tick > _LONGEST_RECORDING:
@@ -241,7 +241,7 @@ class Simulation(threading.Thread):
     def _show(self) -> int:
         """Send a frame, and return its size [bytes]."""
         now = time.perf_counter()
-        number, received = self._answered
+        number, received = self._shown_order
         grip = self._grip
         head = {
             "time": self._ticks * self.live.clock.tick,
@@ -255,7 +255,7 @@ class Simulation(threading.Thread):
             "latency": now - received if received else None,
             **self._pace.described(),
         }
-        self._answered = (number, 0.0)
+        self._shown_order = (number, 0.0)
         frame = self._frames.frame(self.panes, head)
         self._send((self._frames.count, frame))
         return len(frame)
@@ -274,12 +274,12 @@ class Simulation(threading.Thread):
                 pass  # the tool stays where it is
             case protocol.ToolTo(number=number, to=to):
                 self.pointer.send(np.array(to) / self._milli)
-                self._unanswered = (number, received)
+                self._new_order = (number, received)
             case protocol.Grab(point=point, radius=radius):
                 self._grab(point, radius)
             case protocol.Pull(number=number, by=by) if self._grip is not None:
                 self._grip.pointer.send(self._grip.first + np.array(by) / self._milli)
-                self._unanswered = (number, received)
+                self._new_order = (number, received)
             case protocol.Order(kind="let_go"):
                 self._let_go()
             case protocol.Order(kind="withdraw"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.errors import InputError
+from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -23,6 +25,7 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.child import run_task
 from palpate.reference.tasks import StaticTask
 from palpate.validation.case import load_case
+from palpate.validation.live import bench_touch as touch
 from palpate.validation.peers import bench_collision as collision
 from palpate.validation.peers import bench_condensed as condensed
 from palpate.validation.peers import bench_delaunay as delaunay
@@ -78,7 +81,7 @@ def small_steps(monkeypatch: pytest.MonkeyPatch) -> Benchmark:
 
 
 def test_step_rows_are_whole_and_a_rivals_force_is_compared(
-    small_steps: Benchmark, monkeypatch: pytest.MonkeyPatch, tmp_path: Any
+    small_steps: Benchmark, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for file in timing.ADAPTERS.glob("*.py"):
         (tmp_path / file.name).write_text(file.read_text("utf-8"), "utf-8")
@@ -410,6 +413,20 @@ def test_a_perturbed_compliance_is_seen(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(condensed, "condense", softer)
     row, _ = condensed.measured(condensed.kidney(SMALL), in_silence, num_ticks=20, clocked=5)
     assert row["difference"] > 1e-2
+
+
+# --------------------------------------------------------------------------------- the live page
+def test_a_row_of_the_live_page_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(touch, "WARM_UP", 0.1)
+    mesh = mesh_surface(shape_kidney(edge_length=12e-3))
+    row = touch.measured(mesh, tmp_path, in_silence, seconds=1.2)
+    assert set(touch.BENCHMARK.table) <= set(row)
+    assert row["size"] == mesh.num_cells
+    assert row["rate"] == pytest.approx(1.0 / row["seconds"])
+    assert row["force"] > 0.01
+    assert not row["trouble"]
+    assert row["page_kilobytes"] < 1000.0
+    assert row["megabytes_per_second"] < 3.0
 
 
 # ------------------------------------------------------------------------------------- summaries
