@@ -1,7 +1,8 @@
 """Studies: of the paper, remade, and of what the answers depend on; a file or folder each.
 
-Each has `STUDY`, see `palpate.validation.studies.study`; here they are named, and nothing heavy is
-loaded until one is run.
+Each is a module with a `TITLE`, `compute`, `judge` and `present`, see
+`palpate.validation.studies.study.Study`; here they are named, and nothing heavy is loaded until one
+is run.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ STUDIES = {
     "sensitivity": "what the inputs are worth beside the mesh: u_val of V&V 20",
     "validity": "where linear strain may stand in for Green strain",
 }
-# Those that stand with the other simulators, of which studies import nothing: found by name.
-OF_PEERS = ("frontier",)
+# Those that stand elsewhere: with the other simulators, of which studies import nothing.
+_ELSEWHERE = {"frontier": "palpate.validation.peers.frontier"}
 
 
 def load_study(name: str) -> Study[Any]:
@@ -43,14 +44,10 @@ def load_study(name: str) -> Study[Any]:
     """
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
-    if name in OF_PEERS:
-        from palpate.validation.studies.study import Study as Made
+    from palpate.validation.studies import study
 
-        module = importlib.import_module(f"palpate.validation.peers.{name}")
-        return Made(module.TITLE, module.__doc__, module.compute, module.judge, module.present)
-    module = importlib.import_module(f"palpate.validation.studies.{name}")
-    study: Study[Any] = module.STUDY
-    return study
+    module = importlib.import_module(_ELSEWHERE.get(name, f"palpate.validation.studies.{name}"))
+    return study.Study(module.TITLE, module.__doc__, module.compute, module.judge, module.present)
 
 
 def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:

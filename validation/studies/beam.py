@@ -22,9 +22,11 @@ from palpate.validation.case import load_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import OCHRE, RED, Line, Panel, line_figure
-from palpate.validation.report.study_page import Page, Table
+from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import Progress, in_silence
-from palpate.validation.studies.study import Study, findings_of, judge_live, page_of
+from palpate.validation.studies.study import findings_of, judge_live, page_of
+
+TITLE = "The beam"
 
 FACTORS = (0.1, 0.25, 0.5, 0.75, 1.0)
 
@@ -86,6 +88,11 @@ def middle_line_length(mesh: TetMesh, displacement: Points, stations: int = 25) 
     return float(np.linalg.norm(np.diff(np.array(line), axis=0), axis=1).sum())
 
 
+def judge(found: tuple[CaseResult, list[Row]]) -> list[Finding]:
+    """The case's checks."""
+    return findings_of(found[0])
+
+
 def present(found: tuple[CaseResult, list[Row]]) -> Page:
     """The case's report, and the sweep as a table and a figure."""
     result, rows = found
@@ -118,6 +125,3 @@ def present(found: tuple[CaseResult, list[Row]]) -> Page:
     ]
     figure = line_figure([panels], "Lines: reference; marks: fastsim.", shares_legend=True)
     return dataclasses.replace(page_of(result), tables={"sweep": table}, figures={"sweep": figure})
-
-
-STUDY = Study("The beam", __doc__, compute, lambda found: findings_of(found[0]), present)

@@ -50,8 +50,9 @@ from palpate.validation.references.statics import solve_live
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, State, Trajectory
-from palpate.validation.studies.study import Study
 from palpate.validation.versions import version_of
+
+TITLE = "Error bars against known answers"
 
 LEAST_COVERED, LARGEST_MISS, LARGEST_WIDTH = 0.95, 1.5, 5.0
 STORE = Path(__file__).with_name("calibration.tar.xz")
@@ -438,6 +439,3 @@ def draw(numbers: Sequence[Number]) -> Figure:
         "Below the line a bar covers; as far below it as the bar is too wide.",
         shares_legend=True,
     )
-
-
-STUDY = Study("Error bars against known answers", __doc__, compute, judge, present)

@@ -59,7 +59,9 @@ from palpate.validation.studies.kidney import (
     follow_meshes,
     stored_truth,
 )
-from palpate.validation.studies.study import Study, volume_change
+from palpate.validation.studies.study import volume_change
+
+TITLE = "Convergence in h, p and dt"
 
 # Between the limit, 1, and the order of a smooth problem, 2: nearer the first.
 LARGEST_SINGULAR_ORDER = 1.5
@@ -425,6 +427,3 @@ def draw_kidney(meshes: MeshFamily, truth: Mapping[str, StoredTruth]) -> Figure:
         "index.",
         shares_legend=True,
     )
-
-
-STUDY = Study("Convergence in h, p and dt", __doc__, compute, judge, present)

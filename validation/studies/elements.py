@@ -47,7 +47,8 @@ from palpate.validation.report.plots import (
 )
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
-from palpate.validation.studies.study import Study
+
+TITLE = "Linear and smoothed tetrahedra"
 
 WIDTH = 0.02  # m; four times as long
 TRACTION = 60.0  # Pa: the tip sinks by a fifth of the length
@@ -460,6 +461,3 @@ def _draw_thin(bars: Sequence[Thin]) -> Figure:
         "bent bar, and what `palpate check` says of it before solving.",
         shares_legend=True,
     )
-
-
-STUDY = Study("Linear and smoothed tetrahedra", __doc__, compute, judge, present)

@@ -39,7 +39,9 @@ from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, Verdict
-from palpate.validation.studies.study import Study, volume_change
+from palpate.validation.studies.study import volume_change
+
+TITLE = "Graded meshes (section V)"
 
 # Section V: how the number of cells grows with resolution, uniform and graded.
 #
@@ -515,6 +517,3 @@ def draw_curves(curves: Curves) -> Figure:
         "gains less.",
         shares_legend=True,
     )
-
-
-STUDY = Study("Graded meshes (section V)", __doc__, compute, judge, present)

@@ -12,11 +12,14 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import Case
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.difference import make_state
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Progress, State
-from palpate.validation.studies.study import Study, findings_of, judge_live, page_of
+from palpate.validation.studies.study import findings_of, judge_live, page_of
+
+TITLE = "The kidney"
 
 # The kidney case on its mesh and on that mesh cut in eight, twice: numbers, order, error bar.
 #
@@ -118,6 +121,9 @@ def follow_meshes(problem: Problem, progress: Progress, *, refinements: int = 2)
     return MeshFamily(tuple(cells), tuple(responses))
 
 
-STUDY = Study(
-    "The kidney", __doc__, lambda progress: judge_live("kidney", progress), findings_of, page_of
-)
+def compute(progress: Progress) -> CaseResult:
+    """Judge the case."""
+    return judge_live("kidney", progress)
+
+
+judge, present = findings_of, page_of

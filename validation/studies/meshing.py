@@ -33,7 +33,8 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.report.plots import BLUE, Figure, figure_svg, plot_style
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.study import Study
+
+TITLE = "Traditional and improved Delaunay meshing (Fig. 1)"
 
 EDGE_LENGTH = 7e-3  # [m]
 # Body-centred cubes hold two points each and are 1 / 0.923 times as wide as the wanted edge; with
@@ -251,7 +252,3 @@ def _draw_cut(axes: Axes, mesh: TetMesh, smallest: Floats) -> None:
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_axis_off()
-
-
-TITLE = "Traditional and improved Delaunay meshing (Fig. 1)"
-STUDY = Study(TITLE, __doc__, compute, judge, present)

@@ -48,7 +48,9 @@ from palpate.validation.report.plots import (
 )
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.study import Study, volume_change
+from palpate.validation.studies.study import volume_change
+
+TITLE = "Linear or Green strain: where each may be believed"
 
 # Errors of linear strain that the map is about.
 LIMITS = (0.01, 0.05, 0.10)
@@ -557,7 +559,3 @@ def _draw_modes(blocks: Sequence[Series]) -> Figure:
         "prescribed, so shear shows in volume and force rather than in displacement.",
         shares_legend=True,
     )
-
-
-TITLE = "Linear or Green strain: where each may be believed"
-STUDY = Study(TITLE, __doc__, compute, judge, present)
