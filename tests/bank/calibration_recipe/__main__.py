@@ -1,7 +1,6 @@
 """Write the store of the study anew: minutes."""
 
-from calibration_recipe.drawn import draw_problems, find_missing
-from calibration_recipe.store import write_store
+from calibration_recipe.drawn import draw_problems, find_missing, write_store
 from palpate.validation.studies.calibration import STORE
 
 find_missing()

@@ -16,7 +16,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.difference import make_state, measures_of
-from palpate.validation.states import State, Trajectory
+from palpate.validation.states import State
 
 # u at places, shape (n, 3) for (n, 3).
 Field = Callable[[Points], Points]
@@ -48,21 +48,6 @@ def answer_of(mesh: TetMesh, exact: Field, strain: Strain, origin: str, doubt: f
     doubts = dict.fromkeys(("displacement_l2", "displacement_max", "max_displacement"), doubt)
     doubts |= {"volume": doubt + float(left[0]), "surface_area": doubt + float(left[1])}
     return Answer(replace(state, volume=float(volume), surface_area=float(area)), doubts, exact)
-
-
-def answer_in_time(
-    mesh: TetMesh, times: Points, moved: Points, strain: Strain, origin: str, doubt: float
-) -> Answer:
-    """The answer of a motion at the problem's output times, (num_times, num_points, 3)."""
-    state = make_state(
-        mesh,
-        moved[-1],
-        label=origin,
-        simulator="known",
-        strain=strain,
-        trajectory=Trajectory(times, moved),
-    )
-    return Answer(state, {"": doubt})
 
 
 def told(

@@ -1,26 +1,28 @@
-"""Which problems there are, and which of them are set apart: `problems.toml`."""
+"""Which problems there are, and which of them are set apart: `problems.toml`; and their store."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
+import json
+import tarfile
+import tempfile
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from calibration_recipe.answers import Answer
 from calibration_recipe.bars import column_problem, motion_problem
 from calibration_recipe.extruded import extruded_problem
 from calibration_recipe.layers import layer_problem
-from calibration_recipe.slender import (
-    find_answer,
-    kept_answer,
-    slender_problem,
-)
+from calibration_recipe.slender import find_answer, kept_answer, slender_problem
 from calibration_recipe.smooth import smooth_problem
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem_files import problem_arrays
 
 TABLE = Path(__file__).with_name("problems.toml")
 _EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer | None]]] = {
@@ -109,3 +111,41 @@ def find_missing() -> None:
             problem, strain = slender_problem(**one.given)
             if kept_answer(one.name, problem, strain) is None:
                 find_answer(one.name, problem, strain)
+
+
+def write_store(file: Path, problems: Sequence[Drawn]) -> None:
+    """Write a .tar.xz, the same bytes for the same problems."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        entries = [_write_problem(folder, drawn) for drawn in problems]
+        (folder / "index.json").write_text(json.dumps(entries, indent=1), encoding="utf-8")
+        with tarfile.open(file, "w:xz", preset=9) as tar:
+            for each in sorted(folder.iterdir()):
+                tar.add(each, each.name, filter=_without_time)
+
+
+def _write_problem(folder: Path, drawn: Drawn) -> dict[str, Any]:
+    """NAME.npz and NAME.answer.npz in a folder; the entry of the index."""
+    problem, strain, answer = drawn.make()
+    np.savez(folder / f"{drawn.name}.npz", **problem_arrays(problem))
+    if answer is not None:
+        state, motion = answer.state, answer.state.trajectory
+        arrays = {"displacement": state.displacement}
+        if motion is not None:
+            arrays = {"times": motion.times, "displacements": motion.displacements}
+        sizes = np.array([state.volume, state.surface_area])
+        np.savez(folder / f"{drawn.name}.answer.npz", sizes=sizes, **arrays)
+    return {
+        "name": drawn.name,
+        "family": drawn.family,
+        "is_apart": drawn.is_apart,
+        "given": dict(drawn.given),
+        "strain": str(strain),
+        "doubts": None if answer is None else {k: float(v) for k, v in answer.doubts.items()},
+    }
+
+
+def _without_time(info: tarfile.TarInfo) -> tarfile.TarInfo:
+    info.mtime = info.uid = info.gid = 0
+    info.uname = info.gname = ""
+    return info

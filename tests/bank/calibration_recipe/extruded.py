@@ -164,7 +164,7 @@ def _answer(
         plane = Plane(section, problem.material, strain, loads, degree=degree, layers=layers)
         near = None
         if start is not None:
-            near = start[0].at(start[1], plane.grid.reshape(-1, 2)).reshape(plane.grid.shape)
+            near = start[0].at(start[1], plane.grid)
         try:
             start = plane, plane.solve(near)
         except PlaneNotConvergedError:

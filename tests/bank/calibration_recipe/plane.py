@@ -15,7 +15,7 @@ in. Nothing is shared with the reference.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -131,11 +131,6 @@ def stress_of(material: Material, strain: Strain, H: Floats) -> tuple[Floats, Fl
 class PlaneNotConvergedError(RuntimeError):
     """Newton's method found no equilibrium at the smallest step of the load."""
 
-    def __init__(self, factor: float) -> None:
-        super().__init__(
-            f"no equilibrium in plane strain beyond {factor:.3f} of the load; lower it"
-        )
-
 
 @dataclass(frozen=True)
 class PlaneLoads:
@@ -180,17 +175,16 @@ class Plane:
         self.material, self.strain, self.loads = material, strain, loads
         self.p = p = degree
         self.x, self.z = (graded(lines, layers) for lines in (section.x, section.z))
-        self.columns, self.rows = len(self.x) - 1, len(self.z) - 1
         column = np.searchsorted(section.x, 0.5 * (self.x[1:] + self.x[:-1])) - 1
         row = np.searchsorted(section.z, 0.5 * (self.z[1:] + self.z[:-1])) - 1
-        self.is_solid = section.is_solid[np.ix_(column, row)]
+        solid = section.is_solid[np.ix_(column, row)]
         self.nodes = lobatto(p)
         gauss, weight = np.polynomial.legendre.leggauss(p + 2)  # type: ignore[no-untyped-call]
         self.value, self.slope = lagrange(self.nodes, gauss)
         self.edge_weight = weight
         self.weight = np.outer(weight, weight).ravel()
         self.basis = np.kron(self.value, self.value)
-        # Along both reference directions, shape (2, places, nodes).
+        # Along both reference directions, shape (2, points, nodes).
         self.rise = np.stack([np.kron(self.slope, self.value), np.kron(self.value, self.slope)])
         along = [
             np.append(
@@ -198,86 +192,76 @@ class Plane:
             )
             for a in (self.x, self.z)
         ]
-        self.grid = grid = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
-        self.places = section.place(grid)
-        self.is_held = np.zeros(grid.shape, dtype=bool)
+        self.grid = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+        self.places = section.place(self.grid)
+        # Column and row of each element, and its nodes.
+        at = np.argwhere(solid)
+        number = np.arange(len(self.grid)).reshape(len(along[0]), len(along[1]))
+        self.elements = np.array(
+            [number[c * p : (c + 1) * p + 1, r * p : (r + 1) * p + 1].ravel() for c, r in at]
+        )
+        # Nodes of an element's edges; which elements lie on each side, and which edges are free.
+        local = np.arange((p + 1) ** 2).reshape(p + 1, p + 1)
+        self.edges = {"near": local[0, ::-1], "far": local[-1],
+                      "under": local[:, 0], "top": local[::-1, -1]}  # fmt: skip
+        last = np.array(solid.shape) - 1
+        self.on = {"near": at[:, 0] == 0, "far": at[:, 0] == last[0],
+                   "under": at[:, 1] == 0, "top": at[:, 1] == last[1]}  # fmt: skip
+        around, (c, r) = np.pad(solid, 1), at.T + 1
+        self.free = {"near": ~around[c - 1, r], "far": ~around[c + 1, r],
+                     "under": ~around[c, r - 1], "top": ~around[c, r + 1]}  # fmt: skip
+        self.is_held = np.zeros(self.grid.shape, dtype=bool)
         for name in loads.held:
             self.is_held[self._side(name)] = True
 
-    def solve(self, start: Floats | None = None, step: float = 1.0) -> Floats:
-        """Displacement at the nodes [m], shape (nodes along x, nodes along z, 2).
+    def solve(self, start: Floats | None = None) -> Floats:
+        """Displacement at the nodes [m], shape (nodes, 2).
 
         Args:
             start: Near the answer under the whole load; without it the load is raised from none.
-            step: The first step of the load, from none.
 
         Raises:
             PlaneNotConvergedError: No equilibrium was found.
         """
+        u, factor, step = np.zeros_like(self.places), 0.0, 1.0
+        smallest = _SMALLEST_STEP
         if start is not None:
-            found = self._newton(start, 1.0)
-            if found is None:
-                raise PlaneNotConvergedError(1.0)
-            return found
-        u, factor = np.zeros_like(self.places), 0.0
+            u, smallest = start, 1.0
         while factor < 1.0:
             found = self._newton(u, min(factor + step, 1.0))
             if found is not None:
                 u, factor = found, min(factor + step, 1.0)
-            elif (step := 0.5 * step) < _SMALLEST_STEP:
-                raise PlaneNotConvergedError(factor)
+            elif (step := 0.5 * step) < smallest:
+                raise PlaneNotConvergedError(f"no equilibrium beyond {factor:.3f} of the load")
         return u
 
     def at(self, u: Floats, grid: Floats) -> Floats:
-        """Displacement at places of the grid, (n, 2) for (n, 2)."""
-        parts, first = [], []
+        """Displacement at points of the grid, (n, 2) for (n, 2)."""
+        parts, nodes = [], []
         for k, lines in enumerate((self.x, self.z)):
             e = np.clip(np.searchsorted(lines, grid[:, k], side="right") - 1, 0, len(lines) - 2)
             xi = 2.0 * (grid[:, k] - lines[e]) / (lines[e + 1] - lines[e]) - 1.0
             parts.append(lagrange(self.nodes, xi)[0])
-            first.append(e * self.p)
-        nodal = np.arange(self.p + 1)
-        local = u[(first[0][:, None] + nodal)[:, :, None], (first[1][:, None] + nodal)[:, None, :]]
+            nodes.append(e[:, None] * self.p + np.arange(self.p + 1))
+        of = u.reshape((len(self.x) - 1) * self.p + 1, -1, 2)
+        local = of[nodes[0][:, :, None], nodes[1][:, None, :]]
         found: Floats = np.einsum("ni,nj,nijc->nc", *parts, local)
         return found
 
     def sizes(self, u: Floats) -> tuple[float, float]:
         """Area inside the deformed outline [m2] and its length [m]."""
-        area = 0.0
-        for c in range(self.columns):
-            moved = self._local(self.places + u, c)
-            t = np.einsum("aqn,enc->eqac", self.rise, moved)
-            area += float(np.sum(np.linalg.det(t) * self.weight))
+        moved = (self.places + u)[self.elements]
+        t = np.einsum("aqn,enc->eqac", self.rise, moved)
+        area = float(np.sum(np.linalg.det(t) * self.weight))
         length = 0.0
-        for line in self._outline(self.places + u):
-            length += float(np.hypot(*(self.slope @ line).T) @ self.edge_weight)
+        for name, nodes in self.edges.items():
+            along = self.slope @ moved[self.free[name]][:, nodes]
+            length += float(np.sum(np.linalg.norm(along, axis=2) @ self.edge_weight))
         return area, length
 
-    def _outline(self, nodal: Floats) -> Iterator[Floats]:
-        """Values at the nodes of each free or held edge, shape (p + 1, 2)."""
-        p, solid = self.p, np.pad(self.is_solid, 1)
-        for c, r in np.argwhere(self.is_solid):
-            block = nodal[c * p : (c + 1) * p + 1, r * p : (r + 1) * p + 1]
-            edges = {(0, 1): block[0], (2, 1): block[-1], (1, 0): block[:, 0], (1, 2): block[:, -1]}
-            yield from (edge for (i, j), edge in edges.items() if not solid[c + i, r + j])
-
-    def _side(self, name: str) -> tuple[slice | NDArray[np.intp], ...]:
-        """Nodes of a side's solid edges, as an index of what is kept at nodes."""
-        p = self.p
-        along_z = name in ("near", "far")
-        line = {"near": 0, "far": -1, "under": 0, "top": -1}[name]
-        solid = self.is_solid[line] if along_z else self.is_solid[:, line]
-        on = (np.flatnonzero(solid)[:, None] * p + np.arange(p + 1)).ravel()
-        place = np.array([0 if line == 0 else self.places.shape[0 if along_z else 1] - 1])
-        return (place, on) if along_z else (on, place)
-
-    def _local(self, nodal: Floats, c: int) -> Floats:
-        """Values of the solid elements of a column, shape (elements, nodes, 2)."""
-        p = self.p
-        block = nodal[c * p : (c + 1) * p + 1]
-        rows = np.flatnonzero(self.is_solid[c])[:, None] * p + np.arange(p + 1)
-        out: Floats = block[:, rows].transpose(1, 0, 2, 3).reshape(len(rows), -1, block.shape[-1])
-        return out
+    def _side(self, name: str) -> NDArray[np.intp]:
+        """Nodes of a side."""
+        return np.unique(self.elements[self.on[name]][:, self.edges[name]])
 
     def _newton(self, start: Floats, factor: float) -> Floats | None:
         u, last = start.copy(), np.inf
@@ -292,7 +276,7 @@ class Plane:
                 return None
             if self.strain is Strain.LINEAR:
                 return u + change
-            steepest = self._steepest(change)
+            steepest = float(np.abs(self._gradient(change)[0]).max())
             u += change * min(1.0, _STEEPEST / steepest)
             if size < _CONVERGED or (size < 1e-8 and size > last):
                 return u
@@ -301,87 +285,64 @@ class Plane:
             last = size
         return None
 
-    def _steepest(self, u: Floats) -> float:
-        """Largest component of the displacement's gradient."""
-        most = 0.0
-        for c in range(self.columns):
-            t = np.einsum("aqn,enc->eqca", self.rise, self._local(self.places, c))
-            H = np.einsum("aqn,eni->eqia", self.rise, self._local(u, c)) @ np.linalg.inv(t)
-            most = max(most, float(np.abs(H).max(initial=0.0)))
-        return most
+    def _gradient(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """H = du/dX, the inverse of the map from the reference square, and volumes of points."""
+        t = np.einsum("aqn,enc->eqca", self.rise, self.places[self.elements])
+        back = np.linalg.inv(t)
+        H = np.einsum("aqn,eni->eqia", self.rise, u[self.elements]) @ back
+        return H, back, np.linalg.det(t) * self.weight
 
     def _step(self, u: Floats, jump: Floats, factor: float) -> Floats:
         """One step of Newton's method; held nodes move by `jump`."""
-        number = np.arange(u.size).reshape(u.shape)
-        right, parts = np.zeros(u.size), []
-        for c in range(self.columns):
-            K, r = self._elements(c, u, factor)
-            of = self._local(number, c).reshape(len(K), -1)
-            r -= np.einsum("eij,ej->ei", K, jump.ravel()[of])
-            np.add.at(right, of, r)
-            rows, columns = np.broadcast_arrays(of[:, :, None], of[:, None, :])
-            parts.append((K.ravel(), rows.ravel(), columns.ravel()))
-        values, rows, columns = (np.concatenate(some) for some in zip(*parts, strict=True))
-        free = np.setdiff1d(rows, np.flatnonzero(self.is_held))
-        A = coo_matrix((values, (rows, columns)), shape=(u.size, u.size)).tocsc()[free][:, free]
+        K, r = self.tangents(u, factor)
+        of = (2 * self.elements[:, :, None] + np.arange(2)).reshape(len(K), -1)
+        right = np.zeros(u.size)
+        np.add.at(right, of, r - np.einsum("eij,ej->ei", K, jump.ravel()[of]))
+        rows, columns = np.broadcast_arrays(of[:, :, None], of[:, None, :])
+        whole = coo_matrix((K.ravel(), (rows.ravel(), columns.ravel())), shape=(u.size, u.size))
+        free = np.setdiff1d(of, np.flatnonzero(self.is_held))
+        A = whole.tocsc()[free][:, free]
         change = jump.ravel().copy()
         change[free] = spsolve(A, right[free], permc_spec="MMD_AT_PLUS_A")
         return change.reshape(u.shape)
 
-    def _elements(self, c: int, u: Floats, factor: float) -> tuple[Floats, Floats]:
-        """Tangents and forces left over of a column's elements; (e, 2n, 2n), (e, 2n)."""
-        X, local = self._local(self.places, c), self._local(u, c)
-        t = np.einsum("aqn,enc->eqca", self.rise, X)
-        back = np.linalg.inv(t)
-        weight = np.linalg.det(t) * self.weight
-        H = np.einsum("aqn,eni->eqia", self.rise, local) @ back
+    def tangents(self, u: Floats, factor: float) -> tuple[Floats, Floats]:
+        """Tangents of the elements and the forces left over there; (e, 2n, 2n), (e, 2n)."""
+        H, back, weight = self._gradient(u)
         P, A = stress_of(self.material, self.strain, H)
         # Pulled to the reference square: one matrix of slopes for all elements.
         A = np.einsum("eqaj,eqijkl,eqbl->eqiakb", back, A, back, optimize=True)
         A *= weight[:, :, None, None, None, None]
         P = np.einsum("eqij,eqaj,eq->eqia", P, back, weight)
-        n = self.basis.shape[1]
+        n, count = self.basis.shape[1], len(self.elements)
         flat = self.rise.reshape(-1, n)
-        K = np.zeros((len(X), n, 2, n, 2))
+        K = np.zeros((count, n, 2, n, 2))
         for i in range(2):
             for k in range(2):
                 mixed = np.einsum("eqab,bqn->eaqn", A[:, :, i, :, k], self.rise)
-                K[:, :, i, :, k] = flat.T @ mixed.reshape(len(X), -1, n)
+                K[:, :, i, :, k] = flat.T @ mixed.reshape(count, -1, n)
         r = -np.einsum("eqia,aqn->eni", P, self.rise)
         r += factor * np.einsum("eq,qn,i->eni", weight, self.basis, np.array(self.loads.body))
-        self._push(c, X, local, factor, K, r)
-        return K.reshape(len(X), 2 * n, 2 * n), r.reshape(len(X), 2 * n)
+        self._push(u, factor, K, r)
+        return K.reshape(count, 2 * n, 2 * n), r.reshape(count, 2 * n)
 
-    def _push(self, c: int, X: Floats, local: Floats, factor: float, K: Floats, r: Floats) -> None:
-        """Add what acts on the sides of a column."""
-        p = self.p
-        grid = np.arange((p + 1) ** 2).reshape(p + 1, p + 1)
-        # Nodes run counter-clockwise round the body.
-        sides = {"far": grid[-1], "near": grid[0, ::-1], "top": grid[::-1, -1], "under": grid[:, 0]}
-        rows = np.flatnonzero(self.is_solid[c])
+    def _push(self, u: Floats, factor: float, K: Floats, r: Floats) -> None:
+        """Add what acts on the sides; nodes of edges run counter-clockwise round the body."""
+        weighted = self.value * self.edge_weight[:, None]
         for name in {*self.loads.tractions, *self.loads.pressures}:
-            nodes = sides[name]
-            if name in ("far", "near"):
-                is_there = c == (self.columns - 1 if name == "far" else 0)
-                of = np.arange(len(rows) if is_there else 0)
-            else:
-                of = np.flatnonzero(rows == (self.rows - 1 if name == "top" else 0))
-            for e in of:
-                rest = self.slope @ X[e, nodes]
+            nodes = self.edges[name]
+            for e in np.flatnonzero(self.on[name]):
+                of = self.elements[e, nodes]
+                t = self.slope @ self.places[of]
                 if name in self.loads.tractions:
-                    on = self.value.T @ (self.edge_weight * np.hypot(*rest.T))
+                    on = self.value.T @ (self.edge_weight * np.hypot(*t.T))
                     r[e, nodes] += factor * np.outer(on, self.loads.tractions[name])
                 if name in self.loads.pressures:
                     size = factor * self.loads.pressures[name]
-                    t = (
-                        rest
-                        if self.strain is Strain.LINEAR
-                        else rest + self.slope @ local[e, nodes]
-                    )
-                    # Outwards is (t_z, -t_x).
-                    weighted = self.value * self.edge_weight[:, None]
-                    r[e, nodes] -= size * weighted.T @ np.column_stack([t[:, 1], -t[:, 0]])
                     if self.strain is Strain.GREEN:
+                        t = t + self.slope @ u[of]
                         turn = size * weighted.T @ self.slope
                         K[e, nodes[:, None], 0, nodes, 1] += turn
                         K[e, nodes[:, None], 1, nodes, 0] -= turn
+                    # Outwards is (t_z, -t_x).
+                    r[e, nodes] -= size * weighted.T @ np.column_stack([t[:, 1], -t[:, 0]])
