@@ -27,14 +27,14 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.transforms import rotation
 
 
-def area_vectors(points: Points, facets: Indices) -> Points:
+def area_vectors(points: Points, facets: Indices | NDArray[np.int64]) -> Points:
     """Outward, as long as the area [m2], (num_facets, 3)."""
     a, b, c = (points[facets[:, k]] for k in range(3))
     vectors: Points = 0.5 * np.cross(b - a, c - a)
     return vectors
 
 
-def facet_areas(points: Points, facets: Indices) -> Points:
+def facet_areas(points: Points, facets: Indices | NDArray[np.int64]) -> Points:
     """Area of each facet [m2], (num_facets,)."""
     areas: Points = np.linalg.norm(area_vectors(points, facets), axis=1)
     return areas

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.material_law import Law
+from palpate.validation.exchange.nodal_arrays import area_vectors
 from palpate.validation.importing.febio_mesh import FebioMesh
 from palpate.validation.importing.model import Body, Face, FixedNodes, Model, added
 from palpate.validation.importing.xml_tree import Element, read_xml
@@ -408,8 +409,7 @@ def _dead_pressure(
     model: Model, load: Element, facets: NDArray[np.int64], pressure: float
 ) -> tuple[float, float, float]:
     """The traction of a pressure by rest area on a flat face."""
-    a, b, c = (model.nodes[facets[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = area_vectors(model.nodes, facets)
     sizes = np.linalg.norm(normals, axis=1, keepdims=True)
     if not sizes.all():
         raise load.refuse("a facet of no area")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
+from palpate.validation.exchange.nodal_arrays import area_vectors, facet_areas
 
 # Fraction of the largest force: what a file of seven digits leaves, as CalculiX's users write.
 _FITS = 1e-6
@@ -106,8 +107,7 @@ def _ways(
     nodes: Points, corners: NDArray[np.int64], part: NDArray[np.int64]
 ) -> list[tuple[list[NDArray[np.int64]], bool]]:
     """The fits to try: one traction on all, then one on each plane; uniform, then affine."""
-    a, b, c = (nodes[corners[part, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = area_vectors(nodes, corners[part])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     ways = [([part], False), ([part], True)]
     pieces: list[NDArray[np.int64]] = []
@@ -172,8 +172,7 @@ def _consistent(
 ) -> NDArray[np.float64]:
     """Integrals of N_i and of N_i (X - centre) / size over the facets, (num_nodes, 4)."""
     consistent = np.zeros((len(nodes), 4))
-    a, b, c = (nodes[corners[:, k]] for k in range(3))
-    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    areas = facet_areas(nodes, corners)
     is_quadratic = (middles >= 0).all(axis=1)
     for weights, weight in zip(_POINTS, _WEIGHTS, strict=True):
         positions = np.einsum("k,nkj->nj", weights, nodes[corners])
