@@ -17,7 +17,7 @@ def bar():
     return brick_box((4, 2, 2), SIZE, ragged=0.2)
 
 
-def held(mesh):
+def fixed_end(mesh):
     """Facets of the end x = 0."""
     return side(mesh, 0, 0.0)
 
@@ -123,7 +123,7 @@ def febio(
         f'<elem id="{k}">{", ".join(map(str, row))}</elem>\n' for k, row in enumerate(used, 1)
     )
     sets = ""
-    for name, facets in (("Held", held(mesh)), ("End", pulled(mesh))):
+    for name, facets in (("Held", fixed_end(mesh)), ("End", pulled(mesh))):
         numbers = sorted({n for row in one_based(facets) for n in row})
         if version == "4.0":
             sets += f'<NodeSet name="{name}">{", ".join(map(str, numbers))}</NodeSet>\n'
@@ -180,7 +180,7 @@ def abaqus(
     lines = ["*HEADING", "A bar, by hand", "** a comment", "*NODE, NSET=ALLNODES", *shown]
     lines += [f"*ELEMENT, TYPE={'C3D4' if cells is None else 'C3D10'}, ELSET=ALL"]
     lines += [f"{k}, " + ", ".join(map(str, row)) for k, row in enumerate(used, 1)]
-    for name, facets in (("HELD", held(mesh)), ("END", pulled(mesh))):
+    for name, facets in (("HELD", fixed_end(mesh)), ("END", pulled(mesh))):
         numbers = sorted({n for row in one_based(facets) for n in row})
         lines += [f"*NSET, NSET={name}", rows(numbers)]
     lines += ["*SURFACE, NAME=ENDFACE", *faces_of(mesh, pulled(mesh))]
@@ -204,7 +204,7 @@ def faces_of(mesh, facets):
 def native(material, *loads, more=()):
     """The bar as a problem in metres, fixed at x = 0."""
     mesh = bar()
-    end = held(mesh)
+    end = fixed_end(mesh)
     metres = TetMesh(1e-3 * mesh.points, mesh.cells)
     return Problem(metres, material, (Support(np.unique(end), end), *more), loads)
 

@@ -1,4 +1,4 @@
-"""No verb writes over what it reads, nor two results into one file; told before the solving."""
+"""No verb writes over what it reads, nor two results into one file; refused before solving."""
 
 import json
 import os
@@ -92,10 +92,10 @@ def test_an_output_over_an_input_or_another_is_refused_and_nothing_is_touched(
     palpate, project, words
 ):
     before = everything(project)
-    code, told = palpate(*shlex.split(words))
-    assert code == 2, told
-    assert "name" in told or "make it first" in told or "give each its own" in told
-    assert "strain" not in told  # nothing was solved
+    code, said = palpate(*shlex.split(words))
+    assert code == 2, said
+    assert "name" in said or "make it first" in said or "give each its own" in said
+    assert "strain" not in said  # nothing was solved
     assert everything(project) == before
     assert (project / "soft").is_symlink()
 
@@ -105,22 +105,22 @@ def test_the_projects_own_folder_with_results_in_it_is_never_swapped(palpate, pr
     (project / "results.json").write_text('{"palpate": "0.1.0", "cases": []}', encoding="utf-8")
     before = everything(project)
     for where in (".", project, project / "sub" / ".."):
-        code, told = palpate("report", "block.toml", "-o", where)
-        assert (code, "current folder" in told) == (2, True), told
+        code, said = palpate("report", "block.toml", "-o", where)
+        assert (code, "current folder" in said) == (2, True), said
     assert everything(project) == before
 
 
 def test_outputs_that_are_new_are_written_and_a_link_stays_a_link(palpate, project):
     (project / "latest.vtu").symlink_to("sub/u.vtu")
-    code, told = palpate("solve", "block.toml", "-o", "latest.vtu")
-    assert code == 0, told
+    code, said = palpate("solve", "block.toml", "-o", "latest.vtu")
+    assert code == 0, said
     assert (project / "latest.vtu").is_symlink()
     assert (project / "sub" / "u.vtu").is_file()
     for _ in range(2):  # an exported case may be written again
         assert palpate("export", "block.toml", "-o", "case")[0] == 0
     (project / "case" / "case.json").write_text(json.dumps({"mine": 1}), encoding="utf-8")
-    code, told = palpate("export", "block.toml", "-o", "case")
-    assert (code, "no exported case's" in told) == (2, True)
+    code, said = palpate("export", "block.toml", "-o", "case")
+    assert (code, "no exported case's" in said) == (2, True)
 
 
 def test_every_file_of_a_case_is_an_input(project, write_case):
@@ -144,15 +144,15 @@ def test_paths_that_cannot_be_are_input_errors(tmp_path):
 def test_two_cases_of_one_name_are_refused(palpate, project):
     (project / "sub" / "block.toml").write_bytes((project / "block.toml").read_bytes())
     for verb in (["gate"], ["report", "-o", "out"]):
-        code, told = palpate(*verb, "block.toml", "sub/block.toml")
+        code, said = palpate(*verb, "block.toml", "sub/block.toml")
         assert code == 2
-        assert "case 'block' is given by block.toml and sub/block.toml" in told
-        code, told = palpate(*verb, "block.toml", "block.toml")
-        assert (code, "twice" in told) == (2, True)
+        assert "case 'block' is given by block.toml and sub/block.toml" in said
+        code, said = palpate(*verb, "block.toml", "block.toml")
+        assert (code, "twice" in said) == (2, True)
 
 
 def test_a_case_called_index_does_not_take_the_first_page_of_a_report(palpate, project):
     (project / "index.toml").write_bytes((project / "block.toml").read_bytes())
-    code, told = palpate("report", "block.toml", "index.toml", "-o", "out")
-    assert (code, "rename case 'index'" in told) == (2, True), told
+    code, said = palpate("report", "block.toml", "index.toml", "-o", "out")
+    assert (code, "rename case 'index'" in said) == (2, True), said
     assert not (project / "out").exists()

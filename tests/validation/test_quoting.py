@@ -93,9 +93,9 @@ def test_nothing_acts_in_a_terminal_however_narrow(hostile, width):
 
 def test_nothing_acts_in_progress_lines(capsys):
     progress_lines()(HOSTILE)
-    told = capsys.readouterr().err
-    assert hidden(told) == []
-    assert commands(told) == []
+    said = capsys.readouterr().err
+    assert hidden(said) == []
+    assert commands(said) == []
 
 
 def test_junit_is_xml_whatever_the_texts_hold(hostile):
@@ -186,7 +186,7 @@ def test_ordinary_words_stay_as_they_are():
         assert quoting.for_terminal(text) == text
 
 
-def test_what_a_candidate_says_is_told_as_its_words(tmp_path, judged):
+def test_what_a_candidate_says_is_quoted_as_its_words(tmp_path, judged):
     claim = "independent audit passed"
     about = {"remark": claim, "Reference": "a\n::error::b", "verdict": 'passed" by "all'}
     displacement = next(s for s in judged.states if s.label == "fastsim").displacement

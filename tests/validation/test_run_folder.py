@@ -199,9 +199,9 @@ def test_a_run_killed_in_the_swap_loses_nothing(tmp_path):
     old.rename(tmp_path / f".out.palpate-run-{dead}-01234567")
     write_run(out, "newer")
     assert contents(out) == {"newer", "mine"}
-    (kept,) = (path for path in tmp_path.iterdir() if path != out)
-    assert kept.name.startswith("out-")
-    assert sorted(path.name for path in kept.iterdir()) == [MARKER, "late.txt"]
+    (left,) = (path for path in tmp_path.iterdir() if path != out)
+    assert left.name.startswith("out-")
+    assert sorted(path.name for path in left.iterdir()) == [MARKER, "late.txt"]
 
 
 def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(out, tmp_path):
@@ -258,7 +258,7 @@ def test_a_marker_that_was_copied_along_gives_no_right_to_other_files(tmp_path):
      '{"palpate_run": 1, "files": {"/etc/passwd": "0"}}', '{"palpate_run": 9, "files": {}}',
      "[" * 100_000],
 )  # fmt: skip
-def test_a_marker_that_cannot_be_read_is_no_leave_to_replace(tmp_path, text):
+def test_a_marker_that_cannot_be_read_is_no_permission_to_replace(tmp_path, text):
     out = tmp_path / "out"
     out.mkdir()
     (out / MARKER).write_text(text)
@@ -281,7 +281,7 @@ def test_a_name_of_ones_own_that_the_new_run_needs_leaves_both(tmp_path):
     assert contents(beside) == {"new"}
 
 
-def test_places_that_hold_more_than_a_run_are_refused(tmp_path, monkeypatch):
+def test_folders_with_more_than_a_run_are_refused(tmp_path, monkeypatch):
     home, here = tmp_path / "home", tmp_path / "home" / "work" / "here"
     here.mkdir(parents=True)
     monkeypatch.setenv("HOME", str(home))

@@ -209,7 +209,7 @@ def with_fin(body, row, count):
 
 
 @pytest.mark.parametrize(("suffix", "start"), [(".off", 0), (".obj", 1)])
-def test_a_fin_is_no_hole_and_is_named_by_number_and_place(tmp_path, suffix, start):
+def test_a_fin_is_no_hole_and_is_named_by_number_and_position(tmp_path, suffix, start):
     path = tmp_path / f"organ{suffix}"
     given = with_fin(BALL, 3, 1)
     write_surface(path, given)
@@ -220,9 +220,9 @@ def test_a_fin_is_no_hole_and_is_named_by_number_and_place(tmp_path, suffix, sta
         f"{BALL.num_facets + start} at ({x:.6g}, {y:.6g}, {z:.6g}) mm (the file's first is "
         f"{start}); --repair (repair = true in a case) cuts fins off"
     )
-    mended = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"])
-    assert mended.exit_code == 0
-    assert f"volume {BALL.volume:.6g} mm3" in mended.output
+    repaired = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"])
+    assert repaired.exit_code == 0
+    assert f"volume {BALL.volume:.6g} mm3" in repaired.output
 
 
 def test_holes_are_counted_by_loops_and_not_of_fins():

@@ -120,7 +120,7 @@ SCHEMA = [
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1"), "exactly one of point"),
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1\npoint = [0, 0, 0]\nboundary = true"),
      "exactly one of point"),
-    # Truth values, text and counts are told apart.
+    # Truth values, text and counts are distinguished.
     (("schema = 1", "schema = true"), "schema"),
     (("schema = 1", 'schema = "1"'), "schema"),
     ((BOX, BOX + "\nrepair = 1"), "repair"),

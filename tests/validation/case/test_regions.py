@@ -38,11 +38,11 @@ def test_stress_is_looked_at_in_the_cells_of_a_region(write_case):
 
 
 def test_a_support_is_named_by_its_number_and_a_cut_by_one_side(write_case):
-    held = part(with_check(write_case, "traction_resultant", "support = 1"))
+    fixed = part(with_check(write_case, "traction_resultant", "support = 1"))
     case = with_check(write_case, "traction_resultant", BOX)
     mesh = case.problem.mesh
-    assert held.support == 0
-    assert np.array_equal(held.weights, (mesh.points[:, [0, 0, 0]] < 1e-9).astype(float))
+    assert fixed.support == 0
+    assert np.array_equal(fixed.weights, (mesh.points[:, [0, 0, 0]] < 1e-9).astype(float))
     cut = part(case)
     assert cut.support is None
     inside = (mesh.points[:, 0] >= 0.6) & (mesh.points[:, 0] <= 1.6)
@@ -85,7 +85,7 @@ poissons_ratio = 0.3
 region = { group = "stiff" }
 material = { youngs_modulus = 5000.0, poissons_ratio = 0.3 }
 [[support]]
-region = { group = "held" }
+region = { group = "fixed" }
 [[support]]
 region = { group = "pins" }
 components = ["y"]
@@ -100,7 +100,7 @@ PINS, TIPS, STIFF = [14, 17], [8, 11, 26], [0, 1, 2, 9]
 def write(folder, *changes):
     mesh = brick_box((2, 2, 2), (2.0, 1.0, 1.0))
     grouped = TetMesh(
-        mesh.points, mesh.cells, {"held": side(mesh, 0, 0.0)}, {"pins": PINS, "tips": TIPS},
+        mesh.points, mesh.cells, {"fixed": side(mesh, 0, 0.0)}, {"pins": PINS, "tips": TIPS},
         {"stiff": STIFF},
     )  # fmt: skip
     write_mesh(folder / "body.msh", grouped, groups=True)
@@ -111,8 +111,8 @@ def write(folder, *changes):
 def test_each_group_is_what_its_table_needs(tmp_path):
     problem = load_case(write(tmp_path)).problem
     whole = brick_box((2, 2, 2), (2.0, 1.0, 1.0))
-    held, pins = problem.supports
-    assert len(held.facets) == 8
+    fixed, pins = problem.supports
+    assert len(fixed.facets) == 8
     assert pins.points.tolist() == PINS
     assert len(pins.facets) == 0
     assert pins.components == (False, True, False)
@@ -130,9 +130,9 @@ def test_each_group_is_what_its_table_needs(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (('"stiff"', '"held"'), r"inclusion 1: no group of cells 'held' .*known: stiff"),
-        (('"held"', '"stiff"'), "support 1: no facet group 'stiff' .*'stiff' is a group of cells"),
-        (('"tips"', '"held"'), "load 1: needs region = { nearest"),
+        (('"stiff"', '"fixed"'), r"inclusion 1: no group of cells 'fixed' .*known: stiff"),
+        (('"fixed"', '"stiff"'), "support 1: no facet group 'stiff' .*'stiff' is a group of cells"),
+        (('"tips"', '"fixed"'), "load 1: needs region = { nearest"),
         (('components = ["y"]', "sliding = true"), "support 2: single points have no face"),
         (('kind = "point_force"', 'kind = "force"'), "'tips' is a group of points"),
     ],

@@ -56,7 +56,7 @@ def slanted(write_case, *changes):
     return write_case((CLAMP, walls), *changes)
 
 
-def test_a_normal_holds_along_it_alone(write_case):
+def test_a_normal_fixes_along_it_alone(write_case):
     case = load_case(slanted(write_case))
     problem = case.problem
     assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
@@ -213,7 +213,7 @@ def test_the_judge_has_the_same_force_by_its_own_quadrature(write_case):
 
 
 @pytest.mark.parametrize("element", list(Element))
-def test_the_judge_finds_the_answer_in_balance(write_case, element):
+def test_the_judge_finds_the_solution_in_balance(write_case, element):
     problem = case_of(write_case).problem
     found = solve_static(problem, element=element).displacement
     body = Body(problem, Strain.GREEN, element)
@@ -228,10 +228,10 @@ def test_the_judge_finds_the_answer_in_balance(write_case, element):
     assert halfway.relative_residual_norm > 1e-3
 
 
-def test_what_is_told_drawn_and_written_out(write_case, tmp_path):
+def test_a_spring_is_described_drawn_and_written_out(write_case, tmp_path):
     case = case_of(write_case)
-    told = describe_case(case).lines
-    assert any(line.startswith("spring 1") and "80 N/m over" in line for line in told), told
+    lines = describe_case(case).lines
+    assert any(line.startswith("spring 1") and "80 N/m over" in line for line in lines), lines
     draw_case(case, tmp_path / "case.png")
     write_case_folder(tmp_path / "out", case.problem, Strain.GREEN, name="block")
     (spring,) = json.loads((tmp_path / "out" / "case.json").read_text())["springs"]
@@ -239,7 +239,7 @@ def test_what_is_told_drawn_and_written_out(write_case, tmp_path):
     assert spring["path"]["displacements"] == [[0.1, 0.0, 0.3]]
 
 
-def test_a_wrong_answer_is_not_explained_by_slips_that_know_no_spring(write_case):
+def test_a_wrong_result_is_not_explained_by_hypotheses_without_springs(write_case):
     problem = case_of(write_case).problem
     found = solve_static(problem).displacement
     state = make_state(problem.mesh, 1.3 * found, label="x", simulator="x", strain=Strain.GREEN)

@@ -84,7 +84,7 @@ def internal(u, strain):
     return force
 
 
-def held(t):
+def prescribed(t):
     scale = [factor(support["amplitude"], t) for support in case["supports"]]
     return np.array([*scale, 0.0])[rest["support"]] * rest["prescribed_displacement"]
 
@@ -116,14 +116,14 @@ else:
     )
     m, n = rest["lumped_mass"][:, None], case["time"]["num_outputs"]
     per_output = round(case["time"]["end_time"] / n / dt)
-    a = np.where(fixed, held(0.0), 0.0)
+    a = np.where(fixed, prescribed(0.0), 0.0)
     before, outputs = a + dt**2 / 2 * out_of_balance(a, 0.0) / m, [a]
     before, beta = np.where(fixed, a, before), case["time"]["stiffness_damping"]
     for step in range(n * per_output):
         force = out_of_balance(a, step * dt)
         force -= beta / dt * internal(a, strain_of(a) - strain_of(before))
         ahead = dt**2 * force / m + 2 * a - (1 - half) * before
-        a, before = np.where(fixed, held((step + 1) * dt), ahead / (1 + half)), a
+        a, before = np.where(fixed, prescribed((step + 1) * dt), ahead / (1 + half)), a
         if (step + 1) % per_output == 0:
             outputs.append(a)
     times = case["time"]["output_times"]

@@ -57,7 +57,7 @@ def test_pressure_follows_the_surface_and_is_no_nodal_force():
     assert not nodal_arrays.nodal_force(ONE_CELL, load).any()
 
 
-def test_held_components_are_those_of_the_supports():
+def test_fixed_components_are_those_of_the_supports():
     support = Support(
         np.array([1], dtype=np.int32), components=(True, False, True), displacement=(0.1, 0.2, 0.3)
     )

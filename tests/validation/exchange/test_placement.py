@@ -34,14 +34,14 @@ def renumbered(mesh, order):
     return TetMesh(mesh.points[order], new[mesh.cells].astype(np.int32))
 
 
-@pytest.mark.parametrize("form", ["plain", "positions", "by id", "by place", "mm", "series"])
+@pytest.mark.parametrize("form", ["plain", "positions", "by id", "by position", "mm", "series"])
 def test_an_npz_in_every_form_gives_the_same(tmp_path, problem, answer, form):
     points, order = problem.mesh.points, shuffled(problem)
     arrays = {
         "plain": {"displacement": answer},
         "positions": {"positions": points + answer},
         "by id": {"displacement": answer[order], "original_id": order},
-        "by place": {"displacement": answer[order], "points": points[order]},
+        "by position": {"displacement": answer[order], "points": points[order]},
         "mm": {"displacement": 1e3 * answer, "length_unit": "mm"},
         "series": {"displacement": np.stack([0 * answer, answer]), "times": [0.0, 1.0]},
     }[form]

@@ -14,15 +14,15 @@ ROUNDING = 100 * np.finfo(float).eps
 
 
 def test_a_linear_field_is_read_exactly_everywhere_inside():
-    places = np.random.default_rng(1).uniform(0.0, 1.0, (500, 3)) * [2.0, 0.9, 1.1]
-    location = locate(MESH.points, MESH.cells, places)
+    positions = np.random.default_rng(1).uniform(0.0, 1.0, (500, 3)) * [2.0, 0.9, 1.1]
+    location = locate(MESH.points, MESH.cells, positions)
     assert not location.distances.any()
     matrix = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [1.0, 1.0, 1.0]])
     read = location.read(MESH.cells, MESH.points @ matrix + 1.0)
-    np.testing.assert_allclose(read, places @ matrix + 1.0, rtol=0.0, atol=1e3 * ROUNDING)
+    np.testing.assert_allclose(read, positions @ matrix + 1.0, rtol=0.0, atol=1e3 * ROUNDING)
 
 
-def test_the_cell_found_is_the_one_that_holds_the_place():
+def test_the_cell_found_is_the_one_that_contains_the_position():
     centres = MESH.points[MESH.cells].mean(axis=1)
     location = locate(MESH.points, MESH.cells, centres)
     np.testing.assert_array_equal(location.cells, np.arange(MESH.num_cells))
@@ -35,9 +35,9 @@ def test_points_of_the_mesh_itself_are_found_with_all_weight_on_them():
     np.testing.assert_allclose(read, MESH.points, rtol=0.0, atol=1e-8)
 
 
-def test_a_place_outside_takes_the_nearest_point_and_says_how_far():
-    places = np.array([[2.3, 0.5, 0.5], [-3.0, -4.0, 0.5], [1.0, 0.45, 1.1 + 1e-7]])
-    location = locate(MESH.points, MESH.cells, places)
+def test_a_position_outside_takes_the_nearest_point_and_says_how_far():
+    positions = np.array([[2.3, 0.5, 0.5], [-3.0, -4.0, 0.5], [1.0, 0.45, 1.1 + 1e-7]])
+    location = locate(MESH.points, MESH.cells, positions)
     # Beyond a face; beyond an edge, 3-4-5; by a hair.
     np.testing.assert_allclose(location.distances, [0.3, 5.0, 1e-7], rtol=1e-6)
     read = location.read(MESH.cells, MESH.points)
@@ -47,16 +47,16 @@ def test_a_place_outside_takes_the_nearest_point_and_says_how_far():
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(0, 20))
-def test_cells_of_all_sizes_are_found_by_what_lies_in_them(seed, num_cells, num_places):
+def test_cells_of_all_sizes_are_found_by_what_lies_in_them(seed, num_cells, num_positions):
     rng = np.random.default_rng(seed)
     sizes = 10.0 ** rng.uniform(-4.0, 0.5, (num_cells, 1, 1))
     corners = rng.uniform(-1.0, 1.0, (num_cells, 1, 3)) + sizes * (
         np.vstack([np.zeros(3), np.eye(3)]) + rng.uniform(-0.2, 0.2, (num_cells, 4, 3))
     )
-    places = np.concatenate([rng.uniform(-1.0, 1.0, (num_places, 3)), corners.mean(axis=1)])
-    found = locate(corners.reshape(-1, 3), np.arange(4 * num_cells).reshape(-1, 4), places)
+    positions = np.concatenate([rng.uniform(-1.0, 1.0, (num_positions, 3)), corners.mean(axis=1)])
+    found = locate(corners.reshape(-1, 3), np.arange(4 * num_cells).reshape(-1, 4), positions)
     edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    inner = np.linalg.solve(edges[None], (places[:, None] - corners[:, 0])[..., None])[..., 0]
+    inner = np.linalg.solve(edges[None], (positions[:, None] - corners[:, 0])[..., None])[..., 0]
     depth = np.minimum(inner.min(axis=2), 1.0 - inner.sum(axis=2))
     np.testing.assert_array_equal(found.distances > 0.0, depth.max(axis=1) < -1e-9)
     inside = found.distances == 0.0
@@ -72,13 +72,13 @@ def test_the_nearest_facet_is_that_of_brute_force(seed, count, size):
     points[2::3] = points[::3] + size * rng.normal(size=(count, 3))
     facets = np.arange(3 * count).reshape(-1, 3)
     # Middles lie in their facets: distance 0, with a box that rounding may leave them outside of.
-    places = np.concatenate([points[facets].mean(axis=1), 10.0 * rng.normal(size=(20, 3))])
-    found = nearest_on_surface(places, points, facets)
-    alone = np.array([nearest_on_surface(places, points, f[None]).distances for f in facets])
-    largest = np.abs(points).max() + np.abs(places).max()
+    positions = np.concatenate([points[facets].mean(axis=1), 10.0 * rng.normal(size=(20, 3))])
+    found = nearest_on_surface(positions, points, facets)
+    alone = np.array([nearest_on_surface(positions, points, f[None]).distances for f in facets])
+    largest = np.abs(points).max() + np.abs(positions).max()
     np.testing.assert_allclose(found.distances, alone.min(axis=0), rtol=1e-9, atol=1e-14 * largest)
     at = np.einsum("pa,pai->pi", found.weights, points[facets[found.facets]])
-    apart = np.linalg.norm(at - places, axis=1)
+    apart = np.linalg.norm(at - positions, axis=1)
     np.testing.assert_allclose(apart, found.distances, rtol=1e-9, atol=1e-13 * largest)
     assert found.weights.min() >= 0.0
 

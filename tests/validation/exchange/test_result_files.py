@@ -39,7 +39,7 @@ def moving(problem):
     )  # fmt: skip
 
 
-def test_a_motion_is_written_whole_and_its_end_is_told(tmp_path, problem):
+def test_a_motion_is_written_whole_and_its_end_is_reported(tmp_path, problem):
     state = moving(problem)
     line = write_solution(tmp_path / "m.npz", problem, state)
     assert line.endswith(f"of {problem.mesh.num_points} points, green strain, 3 states to 0.75 s")
@@ -186,10 +186,10 @@ def test_numbers_in_another_order_are_put_in_the_cases(problem, answer, stress, 
     new = np.empty(mesh.num_points, dtype=np.int64)
     new[ids] = np.arange(mesh.num_points)
     cells = new[mesh.cells[rows]][:, [1, 2, 0, 3]]
-    told = {"displacement": answer[ids], "cells": cells, "cauchy_stress": stress[rows]}
-    by_id = sent(problem, tmp_path / "a.npz", original_id=ids, **told)
-    by_place = sent(problem, tmp_path / "b.npz", points=mesh.points[ids], **told)
-    for state in (by_id, by_place):
+    arrays = {"displacement": answer[ids], "cells": cells, "cauchy_stress": stress[rows]}
+    by_id = sent(problem, tmp_path / "a.npz", original_id=ids, **arrays)
+    by_position = sent(problem, tmp_path / "b.npz", points=mesh.points[ids], **arrays)
+    for state in (by_id, by_position):
         assert np.array_equal(state.sent_stress, stress)
         assert error(problem, state, answer) <= 1e-14
     # A file of cells in the case's order of points, and those in another.
@@ -236,7 +236,7 @@ def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
     lopsided[:, 0, 1] *= -1.0
     others = mesh.cells.copy()
     others[0, 0] = next(p for p in range(mesh.num_points) if p not in others[0])
-    for told, words in (
+    for arrays, words in (
         ({"cauchy_stress": stress[:-1]}, f"the case has {mesh.num_cells} cells"),
         ({"cauchy_stress": stress[:, :2]}, r"needs \(num_cells, 9\)"),
         ({"cauchy_stress": lopsided}, "not symmetric"),
@@ -245,7 +245,7 @@ def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
         ({"cauchy_stress": np.array(["a"])}, "not numbers"),
     ):
         with pytest.raises(ResultFileError, match=words):
-            sent(problem, file, displacement=answer, **told)
+            sent(problem, file, displacement=answer, **arrays)
     for number in (np.nan, np.inf):
         broken = stress.copy()
         broken[3] = number

@@ -50,10 +50,10 @@ def test_the_other_reading_is_farther_off_than_the_error(per_period):
     exact = field(np.cos(8.0 * math.pi * WANTED))
     read = read_at(times, field(np.cos(8.0 * math.pi * times)), WANTED, slack=1e-9)
     error = np.abs(read.states - exact).max()
-    told = np.abs(read.others - read.states).max()
-    assert 0.0 < error < told
+    estimate = np.abs(read.others - read.states).max()
+    assert 0.0 < error < estimate
     # Of second order less one: 8 points a period leave it a few per cent of the swing.
-    assert told < 2.0 * 0.5 * (2.0 * math.pi / per_period) ** 3
+    assert estimate < 2.0 * 0.5 * (2.0 * math.pi / per_period) ** 3
 
 
 def test_two_or_three_states_are_read_with_what_they_have():

@@ -25,7 +25,7 @@ TOLERANCE = 1e-10
 
 
 def answer(folder, problem, strain):
-    write_case_folder(folder, problem, strain, name="told")
+    write_case_folder(folder, problem, strain, name="case")
     subprocess.run(
         [sys.executable, "-I", str(PROGRAM), str(folder), str(folder / "answer.npz")],
         check=True,
@@ -144,13 +144,13 @@ def test_every_key_and_every_array_is_explained(tmp_path, name):
     with np.load(tmp_path / "rest.npz") as stored:
         for array_name in stored.files:
             general = "external_force_K" if array_name[-1].isdigit() else array_name
-            told = words["arrays"][general]
+            described = words["arrays"][general]
             shape = stored[array_name].shape
             pressed = len(stored["pressure"])
             sizes = {"num_points": num_points, "num_cells": num_cells, "num_pressed": pressed}
-            named = told["shape"].strip("()").rstrip(",").split(", ")
+            named = described["shape"].strip("()").rstrip(",").split(", ")
             assert shape == tuple(sizes[size] if size in sizes else int(size) for size in named), (
-                told
+                described
             )
 
 
@@ -158,8 +158,8 @@ def test_what_a_facet_or_component_belongs_to_is_said(tmp_path, problem):
     facets = problem.mesh.boundary_facets
     loads = (Pressure(facets[:2], 1.0), BodyForce((0.0, 0.0, 1.0)), Pressure(facets[:1], 2.0))
     supports = (*problem.supports, Support(np.array([7], np.int32), components=(False, True, True)))
-    told = dataclasses.replace(problem, loads=loads, supports=supports)
-    write_case_folder(tmp_path, told, Strain.GREEN, name="told")
+    described = dataclasses.replace(problem, loads=loads, supports=supports)
+    write_case_folder(tmp_path, described, Strain.GREEN, name="case")
     with np.load(tmp_path / "rest.npz") as stored:
         assert stored["pressure_load"].tolist() == [0, 0, 2]
         assert (stored["support"] >= 0).tolist() == (stored["fixed"] == 1).tolist()

@@ -141,7 +141,7 @@ def test_quadratic_cells_and_consistent_forces_on_middle_nodes(bring):
             pair = sorted((facet[a], facet[b]))
             forces[middle_of[pair[0], pair[1]]] += area / 3.0 * 2e-3
     acts = "*CLOAD\n" + "\n".join(f"{n + 1}, 1, {f!r}" for n, f in enumerate(forces.tolist()) if f)
-    ends = sorted({n for row in bars.held(mesh).tolist() for n in row})
+    ends = sorted({n for row in bars.fixed_end(mesh).tolist() for n in row})
     on_face = [n for n, p in enumerate(points) if p[0] == 0.0]
     assert set(ends) < set(on_face)
     text = bars.abaqus(acts=acts, points=points, cells=cells)

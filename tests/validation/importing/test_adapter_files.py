@@ -42,7 +42,7 @@ def test_a_traction_a_weight_and_a_moved_support(bring, problem, monkeypatch, ma
     (push,) = problem.loads
     assert isinstance(push, Traction)
     lifted = side(mesh, 2, 1.0)
-    # Above the held end's row, which is held already.
+    # Above the fixed end's row, which is fixed already.
     lifted = lifted[(mesh.points[lifted][:, :, 0] > 0.9).all(axis=1)]
     moved = Support(np.unique(lifted), lifted, (False, True, False), (0.0, 0.05, 0.0))
     posed = dataclasses.replace(

@@ -89,7 +89,7 @@ def test_a_model_of_hexahedra_is_the_same_body(bring, version):
 
 
 def abaqus_of(points, blocks, acts, axis=0):
-    """Cells by type, held where x, or another coordinate, is 0; the set ALL is all of them."""
+    """Cells by type, fixed where x, or another coordinate, is 0; the set ALL is all of them."""
     nodes = [f"{k}, {x!r}, {y!r}, {z!r}" for k, (x, y, z) in enumerate(points.tolist(), 1)]
     cells, label = [], 0
     for kind, rows in blocks.items():
@@ -97,9 +97,9 @@ def abaqus_of(points, blocks, acts, axis=0):
         for row in (rows + 1).tolist():
             label += 1
             cells.append(", ".join(map(str, [label, *row])))
-    held = ", \n".join(str(k + 1) for k in np.flatnonzero(points[:, axis] == 0.0))
+    fixed = ", \n".join(str(k + 1) for k in np.flatnonzero(points[:, axis] == 0.0))
     return "\n".join([
-        "*NODE, NSET=EVERY", *nodes, *cells, "*NSET, NSET=HELD", held,
+        "*NODE, NSET=EVERY", *nodes, *cells, "*NSET, NSET=HELD", fixed,
         "*MATERIAL, NAME=M", "*ELASTIC", "0.1, 0.3", "*DENSITY", "1e-9",
         "*SOLID SECTION, ELSET=ALL, MATERIAL=M", "*STEP, NLGEOM", "*STATIC", "1., 1.",
         "*BOUNDARY", "HELD, 1, 3", acts, "*END STEP", "",

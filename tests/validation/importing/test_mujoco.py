@@ -58,11 +58,11 @@ def test_a_pinned_beam_rests_under_its_weight(bring):
     found = case.problem
     assert found.material.law is Law.SAINT_VENANT_KIRCHHOFF
     assert found.material.density == pytest.approx(0.5 / mesh.volume, rel=1e-12)
-    held = mesh.boundary_facets[np.isin(mesh.boundary_facets, pinned(mesh)).all(axis=1)]
+    fixed = mesh.boundary_facets[np.isin(mesh.boundary_facets, pinned(mesh)).all(axis=1)]
     ours = Problem(
         mesh,
         Material(2e4, 0.3, 0.5 / mesh.volume),
-        (Support(pinned(mesh), held),),
+        (Support(pinned(mesh), fixed),),
         (BodyForce((0.0, 0.0, -9.81 * 0.5 / mesh.volume)),),
     )
     apart = solve_static(ours).displacement - solve_static(found).displacement
@@ -122,7 +122,7 @@ def with_mujoco(path, folder):
     return np.array(said["moved"]), written.read_text()
 
 
-def test_mujoco_answers_its_own_file_the_same(bring, tmp_path):
+def test_mujoco_solves_its_own_file_the_same(bring, tmp_path):
     # Of a single cell each point has the same share by volume too.
     points = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.03, 0.03, 0.1]], dtype=np.float64)
     one = TetMesh(points, [[0, 1, 2, 3]])
