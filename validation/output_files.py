@@ -69,11 +69,7 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
     """
     from palpate.validation.exchange.case_folder import FILES, is_case_folder
 
-    _identity(folder)
-    real = Path(os.path.realpath(folder))
-    if real.exists() and not real.is_dir():
-        raise OutputError(folder, "is a file; name a folder for the case")
-    require_unprotected(folder, inputs=inputs)
+    real = require_folder(folder, inputs=inputs)
     taken = [name for name in FILES if os.path.lexists(real / name)]
     if taken and not is_case_folder(real):
         raise OutputError(
@@ -81,18 +77,21 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
         )
 
 
-def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a folder in which nobody wants files of a run among their own.
+def require_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
+    """The real path of a folder to be, in which files of a run stand among nobody's own.
 
     Args:
         path: The folder, which may or may not exist.
         inputs: Files that the run reads.
 
     Raises:
-        OutputError: It is the current folder or one above it, home, a repository's root, or a
-            folder with an input.
+        OutputError: It is a file, the current folder or one above it, home, a repository's root, or
+            a folder with an input.
     """
+    _identity(path)  # refuses what cannot be a path
     target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_dir():
+        raise OutputError(path, "is a file; name a folder")
     here = Path(os.path.realpath(Path.cwd()))
     if here.is_relative_to(target):
         raise OutputError(
@@ -111,6 +110,7 @@ def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) 
     for file in inputs:
         if Path(os.path.realpath(file)).is_relative_to(target) and os.path.lexists(file):
             raise OutputError(path, f"holds {file}, which this run reads; name a folder of its own")
+    return target
 
 
 def input_files(

@@ -24,7 +24,7 @@ from typing import TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import locked, own_mark, sweep
-from palpate.validation.output_files import OutputError, require_unprotected
+from palpate.validation.output_files import OutputError, require_folder
 from palpate.validation.versions import version_of
 
 # The file with the numbers of a run, for other programs.
@@ -98,13 +98,7 @@ def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -
         OutputError: It is a file, the current folder or one above it, home, a repository's root, a
             folder with an input or with files that no run wrote, or a run's files were changed.
     """
-    try:
-        target = Path(os.path.realpath(path))
-    except ValueError as error:
-        raise OutputError(path, f"no folder can have this name ({error})") from error
-    if target.exists() and not target.is_dir():
-        raise OutputError(path, "is a file; name a folder for the results")
-    require_unprotected(path, inputs=inputs)
+    target = require_folder(path, inputs=inputs)
     if target.is_mount():
         raise OutputError(path, "is a mount point and cannot be swapped; name a folder in it")
     if target.is_dir():
