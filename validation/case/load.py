@@ -295,6 +295,17 @@ class Case:
         return None if self.is_builtin else self.folder
 
     @property
+    def file(self) -> str:
+        """The case's file as seen from the working folder, where it lies below it."""
+        path, here = self.path.absolute(), Path.cwd()
+        return str(path.relative_to(here) if path.is_relative_to(here) else path.name)
+
+    @property
+    def called(self) -> str:
+        """What it is called on the command line: by its name, or its file."""
+        return self.name if self.is_builtin else self.file
+
+    @property
     def title(self) -> str:
         """One line for people."""
         return self.spec.title

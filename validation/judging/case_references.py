@@ -7,7 +7,6 @@ solver's.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
@@ -51,21 +50,19 @@ def find_references(
         InputError: Neither is to be had.
     """
     problem = case.problem  # what is wrong with the case is said before what is wrong with a file
-    stored: ReferenceSet | None = None
-    trouble: InputError | None = None
+    is_solved_here = live and availability.is_available()
     try:
         stored = _load_stored(case)
     except (MissingReferenceError, StaleReferenceError) as error:
-        trouble = error
-    if live and availability.is_available():
-        if trouble is not None:
-            progress(f"left aside: {trouble}")
+        if not is_solved_here:
+            raise
+        progress(f"left aside: {error}")
+        stored = None
+    if is_solved_here:
         return _solve_here(case, problem, stored, elements, progress)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
-    if trouble is not None:
-        raise trouble
     how = (
         "FEniCSx is not installed here: FENICSX=apt or FENICSX=wheel adds it (see README)"
         if live
@@ -84,7 +81,7 @@ def _load_stored(case: Case) -> ReferenceSet | None:
     folder = references_folder(case.beside)
     if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
         return None
-    return load_stored(case.name, case.problem, folder=folder, called=case_name(case))
+    return load_stored(case.name, case.problem, folder=folder, called=case.called)
 
 
 def _solve_here(
@@ -178,14 +175,3 @@ def with_own_steps(
             failure = f"the same mesh by {solution.steps}: {error}"
         references = references.with_same_mesh(strain, state, note, failure)
     return references
-
-
-def case_name(case: Case) -> str:
-    """What a case is called on the command line: by its name, or its file."""
-    return case.name if case.is_builtin else case_file(case)
-
-
-def case_file(case: Case) -> str:
-    """The case's file as seen from the working folder, where it lies below it."""
-    path = case.path.absolute()
-    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)

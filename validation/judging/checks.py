@@ -1,28 +1,33 @@
 """From numbers to a verdict; fail-closed: what cannot be judged never passes.
 
 A check compares a result with a reference, with itself, or one of its numbers with one of the
-case file that was published or is in closed form.
+case file that was published or is in closed form. `CaseJudge` finds the reference and error bar
+that each check of a case needs, for any result, wrong ones included.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, measure
+from palpate.validation.judging.wrong_results import null_result, wrong_results
+from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, is_still, measure
 from palpate.validation.metrics.difference import are_measurable
 from palpate.validation.metrics.motion import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
 from palpate.validation.references.bars import BarParts, name_of_part
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
 
 _LENGTHS = ("amplitude", "mean")
@@ -72,52 +77,50 @@ def judge_check(
         parts: What the bar is made of; all discretisation where None.
         shape: The case's curved shape, in words, where its mesh is a polyhedron of it.
     """
-    made_of = parts or BarParts(discretisation=bar)
-    value: float | None = None
     about, is_of_truth = spec.about, spec.is_of_truth_alone
     judged = reference if is_of_truth else candidate
-    scale = about.scale if is_of_truth else "-"
-    if judged is None and not is_of_truth:
-        verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
-    elif judged is None:
-        verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
-    elif about.is_published:
+    made_of = parts or BarParts(discretisation=bar)
+    if judged is None or (reference is None and about.is_compared):
+        verdict, why = Verdict.INCONCLUSIVE, failure or "there is no reference"
+        if candidate is None and not is_of_truth:
+            verdict, why = Verdict.FAILED, failure or "the candidate gave no answer"
+        scale = about.scale if is_of_truth else "-"
+        missing = unjudged_check(spec, strain, verdict, why)
+        shown = made_of.reported(with_geometry=True)
+        return dataclasses.replace(missing, scale=scale, reference_error=bar, bar_parts=shown)
+    if about.own is not None:
+        return _of_candidate_alone(spec, strain, problem, judged)
+    scale = about.scale
+    if about.is_published:
         compared = compare_published(spec, problem, judged, units)
-        value, scale = _finite(compared.error), about.scale
+        error = compared.error
         made_of = made_of.times(compared.scale) if is_of_truth else BarParts()
         made_of = dataclasses.replace(
             made_of, reading=compared.uncertainty - compared.stated, stated=compared.stated
         )
         # The number is of the true body.
         bar = made_of.whole + made_of.geometry
-        verdict = decide(compared.error, bar, spec.limit)
+        verdict = decide(error, bar, spec.limit)
         message = "reference " if is_of_truth else ""
         message += compared.message + _shown(bar, made_of.says(with_geometry=True))
-    elif about.own is not None:
-        worst, made_of = about.own(problem.mesh, judged), BarParts()
-        value, scale, bar = _finite(worst.value), about.scale, 0.0
-        is_within = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
-        is_good = is_within and math.isfinite(worst.value)
-        verdict = Verdict.PASSED if is_good else Verdict.FAILED
-        sign = ">" if is_good else "not >"
-        message = about.says.format(worst, sign=sign, limit=spec.limit)
-    elif reference is None:
-        verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
-        part = part_of_check(spec, problem, units or Units(), f"check {spec.metric}")
+        assert reference is not None
+        part = part_of(spec, problem, units or Units())
         difference = measure(spec.metric, problem, judged, reference, part)
+        error, scale = difference.value, difference.scale_name
         made_of = dataclasses.replace(made_of, reading=difference.uncertainty)
-        scale, bar = difference.scale_name, bar + difference.uncertainty
-        verdict = decide(difference.value, bar, spec.limit)
-        value = _finite(difference.value)
+        bar += difference.uncertainty
+        verdict = decide(error, bar, spec.limit)
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
-        shown = f"{difference.value:.3g}{_shown(bar, made_of.says())}"
-        message = f"{shown} {sign} {spec.limit:g}"
+        message = f"{error:.3g}{_shown(bar, made_of.says())}"
+        if spec.limit < math.inf:  # else it is reported, and decides nothing
+            message += f" {sign} {spec.limit:g}"
         if part is not None:
             message += f", {part.says}"
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
+    value = error if math.isfinite(error) else None
     if made_of.geometry and value is not None:
         of_what = f"a polyhedron of {shape}" if shape else "a polyhedron"
         beside = "" if is_of_truth else ", beside the bar"
@@ -130,6 +133,23 @@ def judge_check(
         reference_error=bar,
         bar_parts=made_of.reported(with_geometry=True),
     )
+
+
+def _of_candidate_alone(
+    spec: CheckSpec, strain: Strain, problem: Problem, candidate: State
+) -> CheckResult:
+    """A check that needs no reference: it has no error bar."""
+    about = spec.about
+    assert about.own is not None
+    worst = about.own(problem.mesh, candidate)
+    is_good = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
+    is_good = is_good and math.isfinite(worst.value)
+    sign = ">" if is_good else "not >"
+    message = about.says.format(worst, sign=sign, limit=spec.limit)
+    verdict = Verdict.PASSED if is_good else Verdict.FAILED
+    value = worst.value if math.isfinite(worst.value) else None
+    found = unjudged_check(spec, strain, verdict, message)
+    return dataclasses.replace(found, value=value, scale=about.scale)
 
 
 def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> CheckResult:
@@ -147,11 +167,6 @@ def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: s
     )
 
 
-def _finite(value: float) -> float | None:
-    """The value as outputs can show it: None where there is no number."""
-    return value if math.isfinite(value) else None
-
-
 def _shown(bar: float, parts: str) -> str:
     """An error bar behind its number, with its parts where there are several."""
     return f" (+- {bar:.2g}{': ' if parts else ''}{parts})" if bar else ""
@@ -164,9 +179,14 @@ def metric_of_bar(spec: CheckSpec) -> str:
     return spec.about.bar_of or spec.metric
 
 
+def part_of(spec: CheckSpec, problem: Problem, units: Units) -> Part | None:
+    """The part of the body that a check is about; None where it is about all of it."""
+    return part_of_check(spec, problem, units, f"check {spec.metric}")
+
+
 def name_of_bar(spec: CheckSpec, problem: Problem, units: Units) -> str:
     """The same for the part of the body that the check is about."""
-    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    part = part_of(spec, problem, units)
     metric = metric_of_bar(spec)
     if part is None or not spec.about.is_of_integrals:
         return metric
@@ -175,7 +195,7 @@ def name_of_bar(spec: CheckSpec, problem: Problem, units: Units) -> str:
 
 def number_of(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Number | None:
     """The number of a state that a check is about, in SI units; None where it does not have it."""
-    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    part = part_of(spec, problem, units)
     assert spec.about.read is not None
     with np.errstate(over="ignore", invalid="ignore"):
         return spec.about.read(problem, state, part or _WHOLE, spec.component or "")
@@ -258,7 +278,7 @@ def _compare_number(spec: CheckSpec, problem: Problem, state: State, units: Unit
         return Comparison(math.inf, "the displacement is no number, or too large for one")
     found = number_of(spec, problem, state, units)
     if found is None:
-        return Comparison(math.inf, f"{state.label} does not tell it")
+        return Comparison(math.inf, f"{state.label} does not have it")
     unit, name = units.of(spec.about.dimension)
     scale = found.scale / unit
     off = found.doubt
@@ -266,7 +286,7 @@ def _compare_number(spec: CheckSpec, problem: Problem, state: State, units: Unit
         other = number_of(spec, problem, state.other_reading, units)
         off += math.inf if other is None else abs(found.value - other.value)
     compared = _compare(spec, found.value / unit, name, scale, off / unit)
-    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    part = part_of(spec, problem, units)
     if part is None:
         return compared
     where = f"{spec.component}, {part.says}"
@@ -286,3 +306,145 @@ def _compare(
     shown = f"{found:.8g} {unit}, expected {expected}: {error:.2g}"
     message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
     return Comparison(error, message, scale / size, (uncertainty + stated) / size, stated / size)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseJudge:
+    """What a result of a case is judged against.
+
+    Attributes:
+        case: The case.
+        references: The reference solutions of the case.
+        granted: Its checks at the precision that was granted; as they stand in it where None.
+    """
+
+    case: Case
+    references: ReferenceSet
+    granted: tuple[CheckSpec, ...] | None = None
+    _bars_of_integrals: dict[CheckSpec, BarParts] = field(default_factory=dict, init=False)
+
+    @property
+    def checks(self) -> tuple[CheckSpec, ...]:
+        """Every check, in the order of the case."""
+        return tuple(self.case.checks) if self.granted is None else self.granted
+
+    @property
+    def problem(self) -> Problem:
+        """The case's problem."""
+        return self.case.problem
+
+    def strain_of(self, spec: CheckSpec) -> Strain:
+        """Which of the candidate's results a check is about."""
+        return spec.strain or self.case.strain
+
+    def check(self, spec: CheckSpec, candidate: State | None, failure: str = "") -> CheckResult:
+        """Judge one check of a result; `failure` says why there is none."""
+        parts = self._bar_parts(spec)
+        found = judge_check(
+            spec,
+            self.strain_of(spec),
+            self.problem,
+            candidate,
+            self._reference(spec),
+            parts.whole,
+            failure or self._why_missing(spec),
+            self.case.spec.units,
+            parts=parts,
+            shape=self._shape() if parts.geometry else "",
+        )
+        if spec.is_of_truth_alone:
+            return found
+        return dataclasses.replace(found, element=self.references.element)
+
+    def _shape(self) -> str:
+        """The true surface that the case's mesh is a polyhedron of, in words."""
+        from palpate.validation.references.geometry import shape_of
+
+        return shape_of(self.references)
+
+    def is_vacuous(self, spec: CheckSpec) -> bool:
+        """Whether the check says nothing of a candidate: the null result passes it too.
+
+        So does every result where the reference itself does not move, and where the truth and not
+        the candidate is compared with a published number.
+        """
+        reference, strain = self._reference(spec), self.strain_of(spec)
+        if spec.is_of_truth_alone:
+            return True
+        if spec.against != "candidate" and reference and is_still(self.problem.mesh, reference):
+            return True
+        basis = reference or self._any_reference(strain)
+        solution = null_result(self.problem, strain, basis)
+        return self.check(spec, solution).verdict is Verdict.PASSED
+
+    def unseen(self) -> tuple[str, ...]:
+        """Plainly wrong results that no check of the case turns red, by name."""
+        reference = self._any_reference(self.case.strain)
+        if reference is None:
+            return ()
+        specs = [spec for spec in self.checks if self.strain_of(spec) is self.case.strain]
+        return tuple(
+            solution.label
+            for solution in wrong_results(self.problem, reference)
+            if not any(self.check(spec, solution).verdict is Verdict.FAILED for spec in specs)
+        )
+
+    def _reference(self, spec: CheckSpec) -> State | None:
+        strain = self.strain_of(spec)
+        if spec.against != "truth":
+            return self.references.same_mesh(strain)
+        if not spec.about.is_of_integrals:
+            return self.references.truth(strain)
+        truth = self.references.stress_truth(strain)
+        is_known = truth and (spec.about.read is None or self._number(spec, truth))
+        name = name_of_bar(spec, self.problem, self.case.spec.units)
+        return truth if is_known and self.references.was_asked(strain, name) else None
+
+    def _number(self, spec: CheckSpec, state: State) -> Number | None:
+        return number_of(spec, self.problem, state, self.case.spec.units)
+
+    def _bar_parts(self, spec: CheckSpec) -> BarParts:
+        """The parts of the truth's error bar; the same for every result."""
+        references, strain, problem = self.references, self.strain_of(spec), self.problem
+        if spec.against != "truth":
+            return BarParts()
+        if not spec.about.is_of_integrals:
+            return references.bar_parts(metric_of_bar(spec), strain)
+        if spec not in self._bars_of_integrals:
+            name = name_of_bar(spec, problem, self.case.spec.units)
+            if spec.about.read is not None:
+                read = partial(self._number, spec)
+                bar = references.bar_of_number(problem, strain, spec.metric, name, read)
+            else:
+                part = part_of(spec, problem, self.case.spec.units)
+                assert part is not None
+                bar = references.bar_of_part(problem, strain, spec.metric, part)
+            geometry = references.bar_parts(name, strain).geometry
+            parts = BarParts(discretisation=bar, geometry=geometry)
+            self._bars_of_integrals[spec] = parts
+        return self._bars_of_integrals[spec]
+
+    def _why_missing(self, spec: CheckSpec) -> str:
+        """Why there is no reference for a check; "" where there is, or nobody knows."""
+        references, strain, called = self.references, self.strain_of(spec), self.case.called
+        if spec.against == "truth" and references.truth(strain) is not None:
+            if self._reference(spec) is not None:
+                return references.failure(spec.against, strain)
+            asked = "stresses" if spec.about.read is None else "stresses and energy"
+            return (
+                f"the stored truth of this case was not asked for {asked} in this part: build it "
+                f"anew with `palpate reference build {called}` where FEniCSx is installed, then "
+                f"`palpate reference accept {called} --reason TEXT`"
+            )
+        known = references.failure(spec.against, strain)
+        is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None
+        if known or is_there or references.element is Element.LINEAR:
+            return known
+        return (
+            f"no reference of {references.element} tetrahedra is stored for this case: make it "
+            f"with `palpate reference build {called}` where FEniCSx is installed, then "
+            f"`palpate reference accept {called} --reason TEXT`"
+        )
+
+    def _any_reference(self, strain: Strain) -> State | None:
+        return self.references.same_mesh(strain) or self.references.truth(strain)

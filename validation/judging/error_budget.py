@@ -20,6 +20,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -38,6 +39,8 @@ from palpate.validation.states import Progress, State, in_silence
 
 MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
 UNEXPLAINED = "not explained by mesh, time or solver"
+# What a probe reads, with its unit.
+_NUMBERS = (("displacement of the farthest point", "m"), ("change of volume", "m3"))
 # How much finer the time step is that stands for none.
 _FINER_STEP = 4
 # A simulator measures its residual in a norm of its own.
@@ -145,9 +148,8 @@ def static_budgets(
             return np.full(2, np.nan)
         return probe.read(problem.mesh, state.displacement, state.volume)
 
-    strain = candidate.strain
-    on_mesh = OF_ELEMENT[candidate.element]
-    same, fine, own = states.get((on_mesh, strain)), truth_of(strain), read(candidate)
+    strain, on_mesh, own = candidate.strain, OF_ELEMENT[candidate.element], read(candidate)
+    same, fine = states.get((on_mesh, strain)), truth_of(strain)
     terms: dict[str, Points | None] = {MODEL: None, TIME: None}
     if strain is Strain.LINEAR:
         terms[MODEL] = read(same) - read(states.get((on_mesh, Strain.GREEN)))
@@ -157,14 +159,13 @@ def static_budgets(
     else:
         terms[DISCRETISATION] = read(same) - read(fine)
         terms[name_of_rest(problem, candidate, same, diagnoses)] = own - read(same)
-    return _budgets(_name(candidate), own, read(truth), terms)
+    return _budgets(candidate, own, read(truth), terms)
 
 
 def motion_budgets(
     problem: Problem,
-    strain: Strain,
+    candidate: State,
     *,
-    candidate: State | None = None,
     same_mesh: State | None = None,
     diagnoses: Sequence[Diagnosis] = (),
     progress: Progress = in_silence,
@@ -176,11 +177,10 @@ def motion_budgets(
 
     Args:
         problem: With a time span and a time step, at which central differences are stable.
-        strain: What the candidate was solved with.
-        candidate: Its state at the end; fastsim's own where None. Where it states `steps`, those
-            are what its time term is about.
+        candidate: Its state at the end; its `strain` is what it was solved with. Where it states
+            `steps`, those are what its time term is about.
         same_mesh: The reference's state with the same mesh, strain, scheme and step, for the
-            solver's term; see `references.motion_runs.solve_by_steps`.
+            solver's term; see `references.runs.solve_by_steps`.
         diagnoses: Diagnoses of the case, where it failed.
         progress: Called with one line for each run.
 
@@ -191,7 +191,7 @@ def motion_budgets(
     span = problem.time
     if span is None or span.time_step is None:
         raise InputError("a budget of a motion needs [time] with a time_step")
-    scheme = None if candidate is None else candidate.steps
+    strain, scheme = candidate.strain, candidate.steps
     if scheme is not None and same_mesh is None:
         raise InputError(f"a budget of {scheme} needs the same mesh by these steps; solve it")
     from palpate.fastsim.dynamics import simulate
@@ -206,27 +206,24 @@ def motion_budgets(
         last: Points = simulate(of, strain=with_strain).displacements[-1]
         return last
 
-    truth = end(fine_mesh, Strain.GREEN)
-    probe = farthest_probe(truth[: problem.mesh.num_points])
-    plain = probe.read(problem.mesh, end(problem, strain))
-    own = plain
-    if candidate is not None:
-        own = probe.read(problem.mesh, candidate.displacement)
-    stepped = probe.read(problem.mesh, end(fine_step, strain))
+    green = end(fine_mesh, Strain.GREEN)
+    probe = farthest_probe(green[: problem.mesh.num_points])
+    read, read_fine = partial(probe.read, problem.mesh), partial(probe.read, fine_mesh.mesh)
+    plain, truth = read(end(problem, strain)), read_fine(green)
+    stepped = read(end(fine_step, strain))
     terms: dict[str, Points | None] = {MODEL: None}
-    is_green = strain is Strain.GREEN
-    if not is_green:
-        terms[MODEL] = plain - probe.read(problem.mesh, end(problem, Strain.GREEN))
-    meshed = truth if is_green else end(fine_mesh, strain)
-    terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
-    judged_by = plain if same_mesh is None else probe.read(problem.mesh, same_mesh.displacement)
+    meshed = truth
+    if strain is not Strain.GREEN:
+        terms[MODEL] = plain - read(end(problem, Strain.GREEN))
+        meshed = read_fine(end(fine_mesh, strain))
+    terms[DISCRETISATION] = stepped - meshed
+    judged_by = plain if same_mesh is None else read(same_mesh.displacement)
     terms[TIME] = (plain if scheme is None else judged_by) - stepped
-    rest = SOLVER
-    if candidate is not None and same_mesh is not None:
+    own, rest = read(candidate.displacement), SOLVER
+    if same_mesh is not None:
         rest = name_of_rest(problem, candidate, same_mesh, diagnoses)
     terms[rest] = own - judged_by
-    name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
-    return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
+    return _budgets(candidate, own, truth, terms)
 
 
 def name_of_rest(
@@ -249,28 +246,22 @@ def name_of_rest(
         diagnoses: Diagnoses of the case, if it failed.
     """
     which = (candidate.strain, candidate.element)
-    mine = [d for d in diagnoses if (d.strain, d.element) == which]
-    first = mine[0].first if mine else None
+    first = next((d.first for d in diagnoses if (d.strain, d.element) == which), None)
     if first is not None:
         return SOLVER if first.cause in _SOLVERS else f"explained: {first.name}"
-    if problem.time is not None:
-        motions = [s.trajectory for s in (candidate, same_mesh) if s is not None]
-        if len(motions) == 2 and motions[0] is not None and motions[1] is not None:
-            apart = distance(motions[0].displacements, motions[1].displacements)
-            return SOLVER if apart <= SINGLE or _stops_early(candidate) else UNEXPLAINED
+    if problem.time is None:
+        said = candidate.details.get("relative_residual")
+        allowed = CONVERGED
+        if isinstance(said, float) and 0.0 < said <= _MOST_SAID:
+            allowed = max(allowed, _NORMS_DIFFER * said)
+        return SOLVER if equations_left(problem, candidate) <= allowed else UNEXPLAINED
+    if same_mesh is None or candidate.trajectory is None or same_mesh.trajectory is None:
         return UNEXPLAINED
-    left = equations_left(problem, candidate)
-    said = candidate.details.get("relative_residual")
-    allowed = CONVERGED
-    if isinstance(said, float) and 0.0 < said <= _MOST_SAID:
-        allowed = max(allowed, _NORMS_DIFFER * said)
-    return SOLVER if left <= allowed else UNEXPLAINED
-
-
-def _stops_early(candidate: State) -> bool:
-    """Whether a motion's simulator states its scheme, and iterations that it stops after."""
+    if distance(candidate.displacements, same_mesh.displacements) <= SINGLE:
+        return SOLVER
     iterations = candidate.says.get("iterations")
-    return candidate.steps is not None and isinstance(iterations, int) and iterations > 0
+    stops_early = isinstance(iterations, int) and iterations > 0
+    return SOLVER if candidate.steps is not None and stops_early else UNEXPLAINED
 
 
 def case_budgets(result: CaseResult) -> list[Budget]:
@@ -315,27 +306,17 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
 
 
 def _budgets(
-    name: str, own: Points, truth: Points, terms: Mapping[str, Points | None]
+    candidate: State, own: Points, truth: Points, terms: Mapping[str, Points | None]
 ) -> list[Budget]:
-    numbers = (("displacement of the farthest point", "m"), ("change of volume", "m3"))
-    return [
-        Budget(
-            quantity,
-            unit,
-            name,
-            float(own[k]),
-            float(truth[k]),
-            {cause: _number(term, k) for cause, term in terms.items()},
-        )
-        for k, (quantity, unit) in enumerate(numbers)
-    ]
-
-
-def _name(state: State) -> str:
-    own_mesh = f", own mesh of {state.own.mesh.num_cells} cells" if state.own else ""
-    return f"{state.label}, {state.strain} strain{own_mesh}"
-
-
-def _number(term: Points | None, k: int) -> float | None:
-    """None where what it would be computed from is missing."""
-    return None if term is None or np.isnan(term[k]) else float(term[k])
+    """A budget of each number of a probe."""
+    own_mesh = f", own mesh of {candidate.own.mesh.num_cells} cells" if candidate.own else ""
+    name = f"{candidate.label}, {candidate.strain} strain{own_mesh}"
+    budgets = []
+    for k, (quantity, unit) in enumerate(_NUMBERS):
+        # A term is missing where what it would be computed from is.
+        found = {
+            cause: None if term is None or np.isnan(term[k]) else float(term[k])
+            for cause, term in terms.items()
+        }
+        budgets.append(Budget(quantity, unit, name, float(own[k]), float(truth[k]), found))
+    return budgets

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import datetime
 import multiprocessing
@@ -10,8 +9,9 @@ import os
 import platform
 import signal
 import sys
-from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,14 +23,13 @@ from palpate.meshes.quality import measure_quality
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.case_judge import CaseJudge, PrecisionGrant
 from palpate.validation.judging.case_references import (
     are_the_cases,
-    case_file,
     find_references,
     with_own_steps,
 )
-from palpate.validation.judging.checks import unjudged_check
+from palpate.validation.judging.checks import CaseJudge, unjudged_check
+from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.results import (
     CaseResult,
     CheckResult,
@@ -41,7 +40,7 @@ from palpate.validation.judging.results import (
 from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.references.reference_set import ReferenceSet
+from palpate.validation.references.reference_set import SCALARS, ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.states import (
     CandidateFailedError,
@@ -101,26 +100,22 @@ def judge_case(
             raise InputError(f"{case.path.name}: {missing}; add one")
     elements = {judged.element for judged in everybody}
     references = find_references(case, live=live, elements=elements, progress=progress)
-    return merge_candidates(
-        [
-            _judge_one(
-                case,
-                judged,
-                references,
-                diagnoses=diagnoses,
-                precision=precision,
-                progress=progress,
-            )
-            for judged in everybody
-        ]
+    judge_one = partial(
+        _judge_one,
+        case,
+        references=references,
+        diagnoses=diagnoses,
+        precision=precision,
+        progress=progress,
     )
+    return merge_candidates([judge_one(judged) for judged in everybody])
 
 
 def _judge_one(
     case: Case,
     judged: Candidate,
-    references: ReferenceSet,
     *,
+    references: ReferenceSet,
     diagnoses: bool,
     precision: Precision | None,
     progress: Progress,
@@ -135,18 +130,16 @@ def _judge_one(
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
-    strains = judged.strains_of(case.strain)
-    for strain, solution in _solutions(judged, problem, strains, progress).items():
+    for strain, solution in _solutions(judged, case, progress).items():
         if isinstance(solution, CandidateFailedError):
             failures[strain] = case.spec.units.in_case_units(str(solution))
             continue
         notes.extend(solution.remarks)
         unmeasurable = unmeasurable_state(solution)
-        impossible = unmeasurable or state_out_of_reach(problem, solution)
-        if impossible:
-            failures[strain] = impossible
         if not unmeasurable:
             candidates[strain] = solution
+        if impossible := unmeasurable or state_out_of_reach(problem, solution):
+            failures[strain] = impossible
         said.update(solution.says)
         element = solution.element
     references = with_own_steps(problem, candidates, references.of_element(element), progress)
@@ -171,13 +164,14 @@ def _judge_one(
             f"No check of this case turns red when the answer is wrong like this: "
             f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
-    failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
-    # Mistakes are looked for with the case's own steps.
-    failed -= {s for s, each in candidates.items() if not are_the_cases(problem, each.steps)}
     found = []
-    for strain in (s for s in candidates if diagnoses and s in failed):
-        progress(f"diagnosis, {strain} strain")
-        found.append(_diagnosed(judge, judged, candidates[strain]))
+    if diagnoses:
+        failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
+        for strain, solution in candidates.items():
+            # Mistakes are looked for with the case's own steps.
+            if strain in failed and are_the_cases(problem, solution.steps):
+                progress(f"diagnosis, {strain} strain")
+                found.append(_diagnosed(judge, judged, solution))
     notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
     verdict, why = _verdict(checks)
     notes.extend(why)
@@ -203,17 +197,18 @@ def _judge_one(
 
 
 def _solutions(
-    judged: Candidate, problem: Problem, strains: Sequence[Strain], progress: Progress
+    judged: Candidate, case: Case, progress: Progress
 ) -> dict[Strain, State | CandidateFailedError]:
     """Solve with each strain measure; motions in parallel where the candidate can."""
+    strains = judged.strains_of(case.strain)
 
     def solution(strain: Strain) -> State | CandidateFailedError:
         try:
-            return judged.solve(problem, strain, progress)
+            return judged.solve(case.problem, strain, progress)
         except CandidateFailedError as error:
             return error
 
-    if problem.time is None or not judged.steps_without_lock:
+    if case.problem.time is None or not judged.steps_without_lock:
         return {strain: solution(strain) for strain in strains}
     with ThreadPoolExecutor(len(strains)) as pool:
         return dict(zip(strains, pool.map(solution, strains), strict=True))
@@ -289,20 +284,31 @@ def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
     ]
 
 
-def _error_lengths(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
-    """Length of the displacement error at each point [m], (num_points,), by pair of states."""
-    fields = {}
+def _pairs(
+    candidates: Mapping[Strain, State], references: ReferenceSet
+) -> Iterator[tuple[str, Strain, State, State]]:
+    """What a state is compared with, the strain it was asked for, the state, and the reference."""
     for strain, candidate in candidates.items():
-        for reference in (references.same_mesh(strain), references.truth(strain)):
+        found = {"same_mesh": references.same_mesh(strain), "truth": references.truth(strain)}
+        for against, reference in found.items():
             if reference is not None:
-                error = candidate.displacement - reference.displacement
-                name = f"{candidate.label} - {reference.label}, {strain}"
-                fields[name] = np.linalg.norm(error, axis=1)
-    return fields
+                yield against, strain, candidate, reference
+
+
+def _error_lengths(
+    candidates: Mapping[Strain, State], references: ReferenceSet
+) -> dict[str, Points]:
+    """Length of the displacement error at each point [m], (num_points,), by pair of states."""
+    return {
+        f"{candidate.label} - {reference.label}, {strain}": np.linalg.norm(
+            candidate.displacement - reference.displacement, axis=1
+        )
+        for _, strain, candidate, reference in _pairs(candidates, references)
+    }
 
 
 def _all_metrics(
-    case: Case, candidates: dict[Strain, State], references: ReferenceSet
+    case: Case, candidates: Mapping[Strain, State], references: ReferenceSet
 ) -> dict[str, float | None]:
     """Every metric of every pair, whether a check asks for it or not."""
     mesh = case.problem.mesh
@@ -312,34 +318,27 @@ def _all_metrics(
     }
     for state in (*candidates.values(), *references.states.values()):
         name = f"{state.label.replace(',', '').replace(' ', '_').lower()}.{state.strain}"
-        for number in ("volume", "surface_area", "smallest_det_f", "max_displacement"):
+        for number in SCALARS:
             metrics[f"{name}.{number}"] = getattr(state, number)
-    for strain, candidate in candidates.items():
-        pairs = (
-            ("same_mesh", references.same_mesh(strain)),
-            ("truth", references.truth(strain)),
-        )
-        for word, reference in pairs:
-            if reference is None:
-                continue
-            for metric in _comparable(word, case.problem):
-                value = measure(metric, case.problem, candidate, reference).value
-                name = error_name(word, strain, candidate.element, metric)
-                metrics[name] = value if np.isfinite(value) else None
+    for against, strain, candidate, reference in _pairs(candidates, references):
+        for metric in _comparable(against, case.problem):
+            value = measure(metric, case.problem, candidate, reference).value
+            name = error_name(against, strain, candidate.element, metric)
+            metrics[name] = value if np.isfinite(value) else None
     return metrics
 
 
 def _comparable(against: str, problem: Problem) -> list[str]:
     """Metrics that compare with a reference of this kind; oscillations only where asked for."""
+    is_truth = against == "truth"
     return [
         metric.name
         for metric in CATALOGUE.values()
         if metric.is_of_whole
-        and (against == "same_mesh" or not metric.needs_same_mesh)
+        and metric.fits(problem)
         and not metric.is_fitted
-        and (not metric.needs_time or problem.time)
-        and (not problem.time or against == "same_mesh" or metric.has_moving_truth)
-        and (not metric.needs_tools or problem.tools)
+        and not (is_truth and metric.needs_same_mesh)
+        and not (is_truth and problem.time and not metric.has_moving_truth)
     ]
 
 
@@ -355,7 +354,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "command": " ".join(["palpate", *sys.argv[1:]]),
         "case_key": problem_key(case.problem),
-        "case_file": case_file(case),
+        "case_file": case.file,
         "mesh": {
             "origin": case.mesh.origin,
             "num_points": mesh.num_points,
@@ -432,36 +431,28 @@ def judge_cases(
     if count is None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
         count = min(cores, _MOST_PROCESSES, len(cases) // _CASES_OF_A_PROCESS)
-    waiting: list[Future[tuple[list[str], CaseResult]] | None] = [None] * len(cases)
-    results = []
-    with ProcessPoolExecutor(
-        max(count, 1), multiprocessing.get_context("spawn"), _leave_interrupts_alone
-    ) as pool:
-        if count > 1:
-            waiting = [pool.submit(_judge_in_process, c, candidates, precision) for c in cases]
+    judge_one = partial(judge_case, candidate=candidates, precision=precision)
+    if count <= 1:
+        return [judge_one(case, progress=progress) for case in cases]
+    context, results = multiprocessing.get_context("spawn"), []
+    with ProcessPoolExecutor(count, context, _leave_interrupts_alone) as pool:
+        waiting = [pool.submit(_with_lines, judge_one, case) for case in cases]
         for case, future in zip(cases, waiting, strict=True):
-            done = None
-            if future is not None:
+            try:
+                lines, result = future.result()
+            except Exception:
                 # Also of a process that was killed: judged here the case raises its own error.
-                with contextlib.suppress(Exception):
-                    done = future.result()
-            if done is None:
-                done = (
-                    [],
-                    judge_case(case, candidate=candidates, precision=precision, progress=progress),
-                )
-            for line in done[0]:
+                lines, result = [], judge_one(case, progress=progress)
+            for line in lines:
                 progress(line)
-            results.append(done[1])
+            results.append(result)
     return results
 
 
-def _judge_in_process(
-    case: Case, candidates: Sequence[Candidate], precision: Precision | None
-) -> tuple[list[str], CaseResult]:
+def _with_lines(judge_one: Callable[..., CaseResult], case: Case) -> tuple[list[str], CaseResult]:
+    """A case judged in another process, with the lines of its progress."""
     lines: list[str] = []
-    found = judge_case(case, candidate=candidates, precision=precision, progress=lines.append)
-    return lines, found
+    return lines, judge_one(case, progress=lines.append)
 
 
 def _leave_interrupts_alone() -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -61,8 +62,9 @@ def judge_relations(case: Case, candidate: Candidate, progress: Progress) -> Cas
     problem = case.problem
     if problem.time is not None:
         raise InputError(f"{case.name}: relations are for static cases")
+    progress("the problem as it stands")
     checks = []
-    for relation in _relations(problem, case.strain, candidate, progress):
+    for relation in _relations(problem, case.strain, candidate):
         progress(f"{case.name}: {relation.name}")
         checks.append(_judge(relation, case.strain, candidate.element))
     diagnoses = _isotropy(checks)
@@ -82,8 +84,7 @@ def judge_relations(case: Case, candidate: Candidate, progress: Progress) -> Cas
 def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
     """A law that is not isotropic breaks the turn, and none of `_OF_ANY_LAW`."""
     values = {check.metric: check.value for check in checks}
-    others = [values[name] for name in _OF_ANY_LAW]
-    broken = values[_TURNED]
+    broken, others = values[_TURNED], [values[name] for name in _OF_ANY_LAW]
     if broken is None or None in others:
         return ()
     found = turned_otherwise(max(value for value in others if value is not None), broken)
@@ -94,21 +95,23 @@ def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
 
 
 def _judge(relation: _Relation, strain: Strain, element: Element) -> CheckResult:
-    value: float | None = None
-    limit = LEAST_BROKEN if relation.must_be_broken else LIMIT
+    value, limit = None, LEAST_BROKEN if relation.must_be_broken else LIMIT
     try:
-        value = relation.error()
-    except CandidateFailedError as error:
-        verdict, message = Verdict.FAILED, str(error)
+        error = relation.error()
+    except CandidateFailedError as failure:
+        verdict, message = Verdict.FAILED, str(failure)
     else:
-        verdict = decide(value, 0.0, limit)
-        message = f"{value:.2g} {'<=' if verdict is Verdict.PASSED else '>'} {limit:g}"
-        if relation.must_be_broken and np.isfinite(value) and value >= limit:
-            verdict = Verdict.PASSED
-            message = f"{value:.2g} >= {limit:g}: broken, as linear strain must"
-        elif relation.must_be_broken:
-            verdict = Verdict.FAILED
-            message = f"{value:.2g} < {limit:g}: kept, so this is not linear strain"
+        value = error if np.isfinite(error) else None
+        verdict = decide(error, 0.0, limit)
+        message = f"{error:.2g} {'<=' if verdict is Verdict.PASSED else '>'} {limit:g}"
+        if relation.must_be_broken:
+            is_broken = value is not None and value >= limit
+            verdict = Verdict.PASSED if is_broken else Verdict.FAILED
+            message = (
+                f"{error:.2g} >= {limit:g}: broken, as linear strain must"
+                if is_broken
+                else f"{error:.2g} < {limit:g}: satisfied, so this is not linear strain"
+            )
     return CheckResult(
         metric=relation.name,
         against="relation",
@@ -116,58 +119,58 @@ def _judge(relation: _Relation, strain: Strain, element: Element) -> CheckResult
         verdict=verdict,
         reason=relation.reason,
         message=message,
-        value=value if value is not None and np.isfinite(value) else None,
+        value=value,
         limit=limit,
         scale="largest displacement",
         element=element,
     )
 
 
-def _relations(
-    problem: Problem, strain: Strain, candidate: Candidate, progress: Progress
-) -> Iterator[_Relation]:
+def _relations(problem: Problem, strain: Strain, candidate: Candidate) -> Iterator[_Relation]:
     def moved(given: Problem) -> Points:
         return candidate.solve(given, strain, in_silence).displacement
 
-    progress("the problem as it stands")
+    def from_expected(given: Problem, expected: Points) -> float:
+        return float(np.abs(moved(given) - expected).max() / np.abs(expected).max())
+
     own = moved(problem)
     # A body that does not move at all has no scale: then nothing may move in another form.
     scale = float(np.abs(own).max()) or 1.0
 
-    def unchanged(changed: tuple[Problem, transforms.Back]) -> Callable[[], float]:
-        given, back = changed
-        return lambda: float(np.abs(back(moved(given)) - own).max() / scale)
+    def from_own(changed: Problem, back: transforms.Back) -> float:
+        return float(np.abs(back(moved(changed)) - own).max() / scale)
 
     # At other angles single components become slanted normals, which few simulators know.
     is_general = all(all(support.components) for support in problem.supports)
     axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     matrix = transforms.rotation(_AXIS, ANGLE_DEG) if is_general else axes
-    mirror = np.diag([1.0, -1.0, 1.0])
     for name, changed in (
         (_TURNED, transforms.turn(problem, matrix)),
-        ("mirrored", transforms.turn(problem, mirror)),
+        ("mirrored", transforms.turn(problem, np.diag([1.0, -1.0, 1.0]))),
         (_RENUMBERED, transforms.renumber(problem)),
         ("other units", transforms.change_units(problem)),
     ):
-        yield _Relation(name, _REASON, unchanged(changed))
+        yield _Relation(name, _REASON, partial(from_own, *changed))
 
-    yield _rigid_turn(problem, strain, moved)
-    for name, mesh in zip(_PATCHES, (_box(False), _box(True)), strict=True):
+    is_linear = strain is Strain.LINEAR
+    what = f"fixed points turned by {TURN_DEG:g} degrees turn the body without strain"
+    what += ", which linear strain cannot: it must break this" if is_linear else ""
+    turned = partial(from_expected, *_rigid_turn(problem, is_linear=is_linear))
+    yield _Relation("rigid turn", what, turned, must_be_broken=is_linear)
+
+    what = "an affine motion of the boundary is one of the inside, on any mesh"
+    for name, mesh in zip(_PATCHES, (_box(), _box(is_swapped=True)), strict=True):
         affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
         outer = np.unique(mesh.boundary_facets)
         given = transforms.prescribe(mesh, problem.material, outer, affine)
-        yield _Relation(
-            name,
-            "an affine motion of the boundary is one of the inside, on any mesh",
-            _distance(moved, given, affine),
-        )
+        yield _Relation(name, what, partial(from_expected, given, affine))
 
 
-def _rigid_turn(problem: Problem, strain: Strain, moved: Callable[[Problem], Points]) -> _Relation:
-    is_linear = strain is Strain.LINEAR
+def _rigid_turn(problem: Problem, *, is_linear: bool) -> tuple[Problem, Points]:
+    """A body whose fixed points are turned by a finite angle, and its displacement if rigid."""
     if is_linear:
         # One face of a box: of a body that is fixed all round, linear strain turns the inside too.
-        mesh = _box(False)
+        mesh = _box()
         fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9)
     else:
         # Not what is fixed in part, which in plane strain is every point there is.
@@ -175,23 +178,10 @@ def _rigid_turn(problem: Problem, strain: Strain, moved: Callable[[Problem], Poi
         clamps = [s for s in problem.supports if all(s.components)] or problem.supports[:1]
         fixed = np.unique(np.concatenate([s.points for s in clamps]))
     turned = mesh.points @ (transforms.rotation(_AXIS, TURN_DEG) - np.eye(3)).T
-    given = transforms.prescribe(mesh, problem.material, fixed.astype(np.int32), turned)
-    what = f"fixed points turned by {TURN_DEG:g} degrees turn the body without strain"
-    return _Relation(
-        "rigid turn",
-        f"{what}, which linear strain cannot: it must break this" if is_linear else what,
-        _distance(moved, given, turned),
-        must_be_broken=is_linear,
-    )
+    return transforms.prescribe(mesh, problem.material, fixed.astype(np.int32), turned), turned
 
 
-def _distance(
-    moved: Callable[[Problem], Points], given: Problem, expected: Points
-) -> Callable[[], float]:
-    return lambda: float(np.abs(moved(given) - expected).max() / np.abs(expected).max())
-
-
-def _box(is_swapped: bool) -> TetMesh:
+def _box(*, is_swapped: bool = False) -> TetMesh:
     """A ragged box of bricks; mirrored in x, they are cut along the other diagonals."""
     mesh = brick_box((3, 3, 3), (0.03, 0.03, 0.03), ragged=0.2)
     if not is_swapped:

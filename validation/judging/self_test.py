@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from unittest import mock
@@ -20,14 +20,14 @@ from unittest import mock
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.candidates.faults import CannotShowError, Fault, on_own_mesh, with_fault
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.case_references import find_references
+from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.judging.expectation import read_expected, unexpected
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
@@ -93,8 +93,6 @@ _SAME_MESH, _FITTED = 1e-6, 1e-3
 _OWN_MESH = 0.35
 # A region that contains every case above, metres or millimetres.
 _EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
-# Found when the result is read, whatever is checked.
-_NEVER_TRIED = (Fault.NONE, Fault.NAN)
 
 
 def run_self_test(
@@ -109,12 +107,10 @@ def run_self_test(
         candidate: The candidate whose results are corrupted; fastsim's where None.
     """
     judged = candidate or fastsim_candidate()
-    if cases:
-        trials: list[tuple[Fault, Case]] = [
-            (fault, case) for case in cases for fault in Fault if fault is not Fault.NONE
-        ]
-        table: list[MetricRow] = []
-    else:
+    seeded = [fault for fault in Fault if fault is not Fault.NONE]
+    trials: list[tuple[Fault, Case]] = [(fault, case) for case in cases for fault in seeded]
+    table: list[MetricRow] = []
+    if not cases:
         known = {name: load_case(name) for name in dict.fromkeys(name for _, name in TRIALS)}
         trials = [(fault, known[name]) for fault, name in TRIALS]
         table = metric_table(judged, progress)
@@ -134,7 +130,7 @@ def run_self_test(
         checks.append(check)
     if not cases:
         checks += [_try_references(word, progress) for word in REFERENCE_FAULTS]
-        checks += [_row_check(row) for row in table]
+        checks += [row.trial for row in table]
     first = next(iter(healthy.values()))
     verdict = gravest([check.verdict for check in checks])
     if not any(check.verdict is Verdict.PASSED for check in checks[len(healthy) :]):
@@ -157,16 +153,15 @@ def run_self_test(
 
 def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) -> CheckResult:
     """One fault on one case; skipped where the result is the same with it and without."""
-    faulty = with_fault(candidate, fault)
     try:
-        result = judge_case(case, candidate=faulty, diagnoses=False)
+        result = judge_case(case, candidate=with_fault(candidate, fault), diagnoses=False)
     except CannotShowError as error:
-        return replace(_trial(fault.value, case, True, str(error)), verdict=Verdict.SKIPPED)
+        return replace(_trial(fault, case, True, str(error)), verdict=Verdict.SKIPPED)
     caught = _red(result) - _red(healthy)
     if not caught and _is_same(result, healthy):
         message = "the answer is the same with this fault and without"
-        return replace(_trial(fault.value, case, True, message), verdict=Verdict.SKIPPED)
-    return _trial(fault.value, case, bool(caught), _summary(result))
+        return replace(_trial(fault, case, True, message), verdict=Verdict.SKIPPED)
+    return _trial(fault, case, bool(caught), _summary(result))
 
 
 def _red(result: CaseResult) -> set[tuple[int, str]]:
@@ -206,17 +201,6 @@ def _is_same(one: CaseResult, other: CaseResult) -> bool:
     )
 
 
-def _try_references(word: str, progress: Progress) -> CheckResult:
-    case = load_case(_CASE_OF_REFERENCES)
-    with _corrupted_references(word):
-        try:
-            message, is_caught = f"NOT caught: {judge_case(case).verdict}", False
-        except InputError as error:
-            message, is_caught = f"exit 2: {error}", True
-    progress(f"{word}: {'caught' if is_caught else 'NOT caught'}")
-    return _trial(word, case, is_caught, message)
-
-
 def _summary(result: CaseResult) -> str:
     """The checks that failed, the sharpest first."""
     failed = [check for check in result.checks if check.verdict is Verdict.FAILED]
@@ -239,9 +223,20 @@ def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
     )
 
 
+def _try_references(word: str, progress: Progress) -> CheckResult:
+    case = load_case(_CASE_OF_REFERENCES)
+    with _corrupted_references(word):
+        try:
+            message, is_caught = f"NOT caught: {judge_case(case).verdict}", False
+        except InputError as error:
+            message, is_caught = f"exit 2: {error}", True
+    progress(f"{word}: {'caught' if is_caught else 'NOT caught'}")
+    return _trial(word, case, is_caught, message)
+
+
 @contextmanager
 def _corrupted_references(word: str) -> Iterator[None]:
-    """Stored references that are missing, another case's, cut off, halved, or of version 0.1."""
+    """Stored references that are missing, another case's, cut off, halved, or without a hash."""
     own, name = references_folder(), f"{_CASE_OF_REFERENCES}.npz"
     with scratch_folder("self-test") as folder:
         match word:
@@ -270,15 +265,28 @@ class MetricRow:
         metric: Name of the metric.
         kind: Statics, motion, a tool, or a result on a mesh of its own.
         healthy: Verdict on the uncorrupted result with this metric alone.
-        seen: Faults that turn it red.
-        unseen: Faults that it lets pass.
+        seen: By fault that can show there, whether it turns the metric red.
     """
 
     metric: str
     kind: str
     healthy: Verdict
-    seen: tuple[Fault, ...]
-    unseen: tuple[Fault, ...]
+    seen: Mapping[Fault, bool]
+
+    @property
+    def trial(self) -> CheckResult:
+        """The row as a trial: passed where a fault is seen and the uncorrupted result is not."""
+        seen = [fault for fault, is_seen in self.seen.items() if is_seen]
+        is_good = bool(seen) and self.healthy is not Verdict.FAILED
+        named = ", ".join(seen[:3]) or "nothing"
+        return CheckResult(
+            metric=f"{self.metric} alone, {self.kind}",
+            against="self-test",
+            strain=Strain.GREEN,
+            verdict=Verdict.PASSED if is_good else Verdict.FAILED,
+            reason="each metric must be able to go red alone",
+            message=f"healthy: {self.healthy}; red with {len(seen)} of {len(self.seen)}: {named}",
+        )
 
 
 def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
@@ -288,7 +296,7 @@ def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
         progress(f"metrics alone, {kind}: {name}")
         given = on_own_mesh(candidate) if is_own else candidate
         case = load_case(name)
-        rows += _rows(kind, case, given, list(_specs(case, is_own=is_own)))
+        rows += _rows(kind, case, given, list(_specs(case.problem, is_own=is_own)))
     for kind, name in PUBLISHED_CASES:
         progress(f"metrics alone, published numbers: {name}")
         known, case = {row.metric for row in rows}, load_case(name)
@@ -300,34 +308,31 @@ def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
     return rows
 
 
-def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[MetricRow]:
+def _rows(
+    kind: str, case: Case, candidate: Candidate, specs: Sequence[CheckSpec]
+) -> Iterator[MetricRow]:
     references = find_references(case, live=False, progress=in_silence)
     judge = CaseJudge(case, references.of_element(candidate.element))
     solutions = {
         strain: {
             fault: _solution(case, candidate, fault, strain)
             for fault in Fault
-            if fault is not Fault.NAN
+            if fault is not Fault.NAN  # seen when a result is read, whatever is checked
         }
-        for strain in dict.fromkeys(spec.strain or case.strain for spec in specs)
+        for strain in dict.fromkeys(map(judge.strain_of, specs))
     }
-    rows = []
     for spec in specs:
-        of_fault = solutions[spec.strain or case.strain]
+        of_fault = dict(solutions[judge.strain_of(spec)])
         try:
-            judge.check(spec, of_fault[Fault.NONE][0])
+            healthy = judge.check(spec, *of_fault.pop(Fault.NONE)).verdict
         except InputError:
             continue  # the reference itself does not swing there
-        verdicts = {
-            fault: judge.check(spec, solution, failure).verdict
+        seen = {
+            fault: judge.check(spec, solution, failure).verdict is Verdict.FAILED
             for fault, (solution, failure) in of_fault.items()
             if solution is not None or failure
         }
-        tried = [fault for fault in verdicts if fault not in _NEVER_TRIED]
-        seen = tuple(fault for fault in tried if verdicts[fault] is Verdict.FAILED)
-        unseen = tuple(fault for fault in tried if fault not in seen)
-        rows.append(MetricRow(spec.metric, kind, verdicts[Fault.NONE], seen, unseen))
-    return rows
+        yield MetricRow(spec.metric, kind, healthy, seen)
 
 
 def _solution(
@@ -342,59 +347,40 @@ def _solution(
         return None, str(error)
 
 
-def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
+def _specs(problem: Problem, *, is_own: bool) -> Iterator[CheckSpec]:
     """Each metric that such a case can be asked for, alone."""
-    problem = case.problem
     for metric in CATALOGUE.values():
-        if metric.is_published:
+        if metric.is_published or not metric.fits(problem):
             continue
-        if (metric.needs_time and not problem.time) or (metric.needs_tools and not problem.tools):
-            continue
+        keys: dict[str, object] = {"metric": metric.name, "reason": "this metric alone"}
         if metric.is_own:
-            yield _spec(metric.name, "candidate", 0.0)
+            keys |= {"against": "candidate", "limit": 0.0}
         elif not is_own:
-            yield _spec(metric.name, "same_mesh", _FITTED if metric.is_fitted else _SAME_MESH)
+            limit = _FITTED if metric.is_fitted else _SAME_MESH
+            keys |= {"against": "same_mesh", "limit": limit}
         elif not metric.needs_same_mesh and (not problem.time or metric.has_moving_truth):
-            yield _spec(metric.name, "truth", _OWN_MESH)
+            keys |= {"against": "truth", "limit": _OWN_MESH}
+        else:
+            continue
+        if metric.is_of_surface:
+            keys["support"] = 1
+        elif metric.of_part is not None:
+            keys["region"] = _EVERYWHERE
+        yield CheckSpec.model_validate(keys)
 
 
-def _spec(metric: str, against: str, limit: float) -> CheckSpec:
-    keys = {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
-    about = CATALOGUE[metric]
-    if about.is_of_surface:
-        keys["support"] = 1
-    elif about.of_part is not None:
-        keys["region"] = _EVERYWHERE
-    return CheckSpec.model_validate(keys)
-
-
-def _row_check(row: MetricRow) -> CheckResult:
-    """A row as a trial: passed where a fault is seen and the uncorrupted result is not red."""
-    named = ", ".join(row.seen[:3]) or "nothing"
-    tried = len(row.seen) + len(row.unseen)
-    return CheckResult(
-        metric=f"{row.metric} alone, {row.kind}",
-        against="self-test",
-        strain=Strain.GREEN,
-        verdict=Verdict.PASSED
-        if row.seen and row.healthy is not Verdict.FAILED
-        else Verdict.FAILED,
-        reason="each metric must be able to go red alone",
-        message=f"healthy: {row.healthy}; red with {len(row.seen)} of {tried}: {named}",
-    )
-
-
-def table_lines(rows: list[MetricRow]) -> list[str]:
+def table_lines(rows: Sequence[MetricRow]) -> list[str]:
     """The table metric by fault in fixed columns, with a legend."""
     if not rows:
         return []
-    faults = [fault for fault in Fault if fault not in _NEVER_TRIED]
+    faults = [fault for fault in Fault if fault not in (Fault.NONE, Fault.NAN)]
     marks = [chr(ord("a") + number) for number in range(len(faults))]
     width = max(len(f"{row.metric}, {row.kind}") for row in rows)
     lines = ["Which metric alone sees which fault (x: red, .: let pass, blank: cannot show there):"]
     lines += [f"  {m}  {fault}: {fault.meaning}" for m, fault in zip(marks, faults, strict=True)]
     lines.append(" " * (width + 2) + " ".join(marks))
+    words = {True: "x", False: ".", None: " "}
     for row in rows:
-        cells = ["x" if f in row.seen else "." if f in row.unseen else " " for f in faults]
+        cells = [words[row.seen.get(fault)] for fault in faults]
         lines.append(f"{row.metric}, {row.kind}".ljust(width + 2) + " ".join(cells))
     return lines

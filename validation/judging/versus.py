@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import (
     Candidate,
     candidates_for,
     fastsim_candidate,
 )
 from palpate.validation.case import Case
-from palpate.validation.case.regions import part_of_check
-from palpate.validation.judging.case_references import case_file
-from palpate.validation.judging.checks import decide
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.checks import judge_check, unjudged_check
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
-from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measure
-from palpate.validation.metrics.difference import Difference
+from palpate.validation.metrics import CATALOGUE, is_still
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.states import (
@@ -41,16 +37,6 @@ from palpate.validation.versions import version_of
 VERSUS = "versus"
 # Instead of a command line.
 FASTSIM = "fastsim"
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A metric between the two, and how large it may be; infinite where nobody says."""
-
-    metric: str
-    limit: float
-    reason: str
-    part: Part | None = None
 
 
 def judge_versus(
@@ -78,9 +64,8 @@ def judge_versus(
         InputError: No limit at all, one of a metric that does not compare two results, or a result
             that cannot be read.
     """
-    asked = _asked(case, limits)
+    asked = _asked(case, limits or {})
     progress(f"case {case.name}: {case.title}")
-    problem, strain = case.problem, case.strain
     names = (candidate.name, other.name)
     if candidate.name == other.name:
         names = (f"{candidate.name} (first)", f"{other.name} (second)")
@@ -89,7 +74,7 @@ def judge_versus(
     notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
     for each, name in zip((candidate, other), names, strict=True):
         notes.extend(each.notes)
-        solution, failure = _solution(each, problem, strain, progress)
+        solution, failure = _solution(each, case, progress)
         if failure:
             failures.append(f"{name}: {case.spec.units.in_case_units(failure)}")
         if solution is not None:
@@ -97,24 +82,27 @@ def judge_versus(
             notes.extend(solution.remarks)
             said = dict(solution.says)
             notes.extend([own_words(name, said)] if said else [])
-    asked += [] if failures else _others(problem, asked)
-    checks = tuple(
-        _check(one, problem, strain, solutions, "; ".join(failures), names[1]) for one in asked
-    )
+    if failures:
+        why = "; ".join(failures)
+        checks = [unjudged_check(spec, case.strain, Verdict.FAILED, why) for spec in asked]
+    else:
+        asked += _without_limit(case, asked)
+        checks = [_check(spec, case, *solutions, of=names[1]) for spec in asked]
+    checks = [dataclasses.replace(check, against=VERSUS) for check in checks]
     verdict = gravest([check.verdict for check in checks])
-    if not failures and all(is_still(problem.mesh, solution) for solution in solutions):
+    if not failures and all(is_still(case.problem.mesh, solution) for solution in solutions):
         verdict = gravest([verdict, Verdict.INCONCLUSIVE])
         notes.append("Nothing moves in either answer: that they agree says nothing.")
     return CaseResult(
         name=case.name,
         title=case.title,
         verdict=verdict,
-        checks=checks,
-        problem=problem,
+        checks=tuple(checks),
+        problem=case.problem,
         candidates=(Judged(f"{names[0]} against {names[1]}", verdict),),
         states=tuple(solutions),
-        metrics={f"versus.{c.metric}": c.value for c in checks},
-        provenance={"palpate": version_of("palpate"), "case_file": case_file(case)},
+        metrics={f"versus.{check.metric}": check.value for check in checks},
+        provenance={"palpate": version_of("palpate"), "case_file": case.file},
         notes=tuple(dict.fromkeys(notes)),
         case_text=case.text,
     )
@@ -138,7 +126,7 @@ def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Ca
     return other
 
 
-def read_limits(words: list[str]) -> dict[str, float]:
+def read_limits(words: Sequence[str]) -> dict[str, float]:
     """Limits as they stand on a command line: METRIC=VALUE.
 
     Raises:
@@ -165,22 +153,16 @@ def read_limits(words: list[str]) -> dict[str, float]:
     return limits
 
 
-def _asked(case: Case, limits: Mapping[str, float] | None) -> list[Asked]:
-    problem = case.problem
-    if limits:
-        for name in limits:
-            if not _fits(CATALOGUE[name], problem):
-                needs = "[time]" if CATALOGUE[name].needs_time else "[tool]"
-                raise InputError(f"limit of {name}: it is of a case with {needs}")
-        return [Asked(name, value, "asked for") for name, value in limits.items()]
-    asked = [
-        Asked(
-            spec.metric,
-            spec.limit,
-            spec.reason,
-            part_of_check(spec, problem, case.spec.units, f"check {number}"),
-        )
-        for number, spec in enumerate(case.checks, start=1)
+def _asked(case: Case, limits: Mapping[str, float]) -> list[CheckSpec]:
+    """The checks with a limit: the caller's, or the case's own on the same mesh."""
+    for name in limits:
+        if not CATALOGUE[name].fits(case.problem):
+            needs = "[time]" if CATALOGUE[name].needs_time else "[tool]"
+            raise InputError(f"limit of {name}: it is of a case with {needs}")
+    asked = [CheckSpec(metric=m, limit=limit, reason="asked for") for m, limit in limits.items()]
+    asked = asked or [
+        spec
+        for spec in case.checks
         if spec.against == "same_mesh" and (spec.strain or case.strain) is case.strain
     ]
     if not asked:
@@ -191,86 +173,52 @@ def _asked(case: Case, limits: Mapping[str, float] | None) -> list[Asked]:
     return asked
 
 
-def _fits(metric: Metric, problem: Problem) -> bool:
-    return (problem.time is not None or not metric.needs_time) and (
-        bool(problem.tools) or not metric.needs_tools
-    )
-
-
-def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
+def _without_limit(case: Case, asked: Sequence[CheckSpec]) -> list[CheckSpec]:
     """Every other metric of the whole body that such a case has; fits only where asked for."""
-    taken = {one.metric for one in asked}
+    taken = {spec.metric for spec in asked}
     return [
-        Asked(metric.name, math.inf, "no limit asked for")
+        CheckSpec.model_construct(
+            metric=metric.name, limit=math.inf, reason="no limit asked for", against="same_mesh"
+        )
         for metric in CATALOGUE.values()
         if metric.is_of_whole and metric.name not in taken and not metric.is_fitted
-        if _fits(metric, problem)
+        if metric.fits(case.problem)
     ]
 
 
-def _solution(
-    each: Candidate, problem: Problem, strain: Strain, progress: Progress
-) -> tuple[State | None, str]:
+def _solution(each: Candidate, case: Case, progress: Progress) -> tuple[State | None, str]:
     """The candidate's state or None, and why it has failed."""
     try:
-        solution = each.solve(problem, strain, progress)
+        solution = each.solve(case.problem, case.strain, progress)
     except CandidateFailedError as error:
         return None, str(error)
     unmeasurable = unmeasurable_state(solution)
     if unmeasurable:
         return None, unmeasurable
-    return solution, state_out_of_reach(problem, solution)
+    return solution, state_out_of_reach(case.problem, solution)
 
 
-def _check(
-    asked: Asked,
-    problem: Problem,
-    strain: Strain,
-    solutions: list[State],
-    failure: str,
-    of: str,
-) -> CheckResult:
-    """One metric; `of` names the second, whose parts the difference is."""
-    has_limit = asked.limit < math.inf
-    check = CheckResult(
-        metric=asked.metric,
-        against=VERSUS,
-        strain=strain,
-        verdict=Verdict.FAILED,
-        reason=asked.reason,
-        message=failure,
-        limit=asked.limit if has_limit else 0.0,
-    )
-    if failure:
-        return check
-    found = _apart(asked, problem, *solutions)
-    if found is None:
-        verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
-        message = "it needs both answers on the case's mesh"
-        return dataclasses.replace(check, verdict=verdict, message=message)
-    bar = found.uncertainty
-    verdict = decide(found.value, bar, asked.limit) if has_limit else Verdict.SKIPPED
-    sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
-    says = f"{found.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
-    says += f" {sign} {asked.limit:g}" if has_limit else ""
-    return dataclasses.replace(
-        check,
-        verdict=verdict,
-        message=says + (f"; {found.remark}" if found.remark else ""),
-        value=found.value if math.isfinite(found.value) else None,
-        scale=found.scale_name.replace("the reference", of),
-        unit=CATALOGUE[asked.metric].unit,
-        reference_error=bar,
-    )
+def _check(spec: CheckSpec, case: Case, one: State, other: State, *, of: str) -> CheckResult:
+    """One metric; `of` names the second, whose parts the difference is.
 
-
-def _apart(asked: Asked, problem: Problem, one: State, other: State) -> Difference | None:
-    """The worse of both ways where both have a mesh of their own; None where neither is known."""
-    about = CATALOGUE[asked.metric]
+    Where both have a mesh of their own it is the worse of both ways.
+    """
+    about, has_limit = spec.about, spec.limit < math.inf
     if (one.own or other.own) and (about.needs_same_mesh or about.of_part):
-        return None
-    # Whoever has a mesh of its own is measured there too, and so is the first of the two.
-    pairs = [(one, other)] if one.own or not other.own else []
-    pairs += [(other, one)] if other.own else []
-    found = [measure(asked.metric, problem, *pair, asked.part) for pair in pairs]
-    return max(found, key=lambda difference: difference.value)
+        verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
+        found = unjudged_check(
+            spec, case.strain, verdict, "it needs both answers on the case's mesh"
+        )
+    else:
+        # Whoever has a mesh of its own is measured there too, and so is the first of the two.
+        pairs = [(one, other)] if one.own or not other.own else []
+        pairs += [(other, one)] if other.own else []
+        units = case.spec.units
+        ways = [
+            judge_check(spec, case.strain, case.problem, mine, theirs, 0.0, "", units)
+            for mine, theirs in pairs
+        ]
+        found = max(ways, key=lambda way: math.inf if way.value is None else way.value)
+    if not has_limit:
+        found = dataclasses.replace(found, verdict=Verdict.SKIPPED, limit=0.0)
+    return dataclasses.replace(found, scale=found.scale.replace("the reference", of))

@@ -34,8 +34,8 @@ from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.result_files import ResultFile
-from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.case_references import truth_request
+from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.geometry import with_geometry

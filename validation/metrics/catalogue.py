@@ -118,6 +118,11 @@ class Metric:
         """Whether it is an error between two states of the whole body."""
         return self.error is not None or self.compare is not None
 
+    def fits(self, problem: Problem) -> bool:
+        """Whether the problem has the time or the tools that the metric needs."""
+        has_time, has_tools = problem.time is not None, bool(problem.tools)
+        return (has_time or not self.needs_time) and (has_tools or not self.needs_tools)
+
 
 _AXES = ("x", "y", "z")
 _LARGEST = "largest displacement of the reference"

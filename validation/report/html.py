@@ -254,11 +254,7 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
             if not state.is_reference:
                 same_mesh = result.state(OF_ELEMENT[state.element], state.strain)
                 budgets += motion_budgets(
-                    problem,
-                    state.strain,
-                    candidate=state,
-                    same_mesh=same_mesh,
-                    diagnoses=result.diagnoses,
+                    problem, state, same_mesh=same_mesh, diagnoses=result.diagnoses
                 )
         return budgets, ""
     except (InputError, FastsimError) as error:

@@ -267,7 +267,10 @@ def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
     # What the step costs, measured on the candidate alone against an eighth of it.
     finest = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=limit / 16.0))
     values = [simulate(p).displacements[-1] for p in (problem, finest)]
-    budget = motion_budgets(problem, Strain.GREEN)[0]
+    candidate = make_state(
+        still.mesh, values[0], label="fastsim", simulator="fastsim", strain=Strain.GREEN
+    )
+    budget = motion_budgets(problem, candidate)[0]
     fine = simulate(dataclasses.replace(refine_problem(problem), time=finest.time))
     probe = farthest_probe(fine.displacements[-1][: still.mesh.num_points])
     known = float((values[0][probe.point] - values[1][probe.point]) @ probe.direction)

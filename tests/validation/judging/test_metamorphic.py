@@ -118,7 +118,7 @@ def test_who_keeps_the_turn_does_not_use_the_linear_strain_it_was_asked_for() ->
     result = judge_relations(told_linear("block"), Candidate("other", solve), lambda _line: None)
     failed = [check for check in result.checks if check.verdict != "passed"]
     assert [check.metric for check in failed] == ["rigid turn"]
-    assert "kept, so this is not linear strain" in failed[0].message
+    assert "satisfied, so this is not linear strain" in failed[0].message
 
 
 def test_a_tool_is_told_in_the_other_way_too() -> None:

@@ -136,12 +136,7 @@ def material(law: Law) -> Material:
 
 @cache
 def budget(step: float = STEP, iterations: int = 200, law: Law | None = None) -> Budget:
-    return motion_budgets(
-        swing(),
-        Strain.GREEN,
-        candidate=own(step, iterations, law),
-        same_mesh=exact(step),
-    )[0]
+    return motion_budgets(swing(), own(step, iterations, law), same_mesh=exact(step))[0]
 
 
 def assert_lands_in(term: str, seeded: Budget, healthy: Budget) -> None:
@@ -173,14 +168,14 @@ def test_too_few_iterations_are_the_solvers_error() -> None:
 
 def test_another_law_that_is_not_stated_is_not_explained() -> None:
     candidate = dataclasses.replace(own(law=OTHER), says={})
-    found = motion_budgets(swing(), Strain.GREEN, candidate=candidate, same_mesh=exact())[0]
+    found = motion_budgets(swing(), candidate, same_mesh=exact())[0]
     assert found.rest == UNEXPLAINED
     assert found.terms[UNEXPLAINED] == pytest.approx(found.value - budget().value, rel=WITHIN)
 
 
 def test_steps_without_the_same_mesh_are_refused() -> None:
     with pytest.raises(InputError, match="needs the same mesh"):
-        motion_budgets(swing(), Strain.GREEN, candidate=own())
+        motion_budgets(swing(), own())
 
 
 def test_backward_euler_is_measured_to_damp_as_its_formula_says() -> None:

@@ -21,8 +21,8 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import on_own_mesh
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.case_judge import CaseJudge, PrecisionGrant
-from palpate.validation.judging.checks import name_of_bar, number_of
+from palpate.validation.judging.checks import CaseJudge, name_of_bar, number_of
+from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import stress_integrals
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet

@@ -15,12 +15,12 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging import outputs
-from palpate.validation.judging.case_judge import CaseJudge, null_result, wrong_results
 from palpate.validation.judging.case_references import find_references
-from palpate.validation.judging.checks import decide
+from palpate.validation.judging.checks import CaseJudge, decide
 from palpate.validation.judging.judge import exit_code, judge_case
 from palpate.validation.judging.outputs import github_annotations
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.judging.wrong_results import null_result, wrong_results
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.states import Verdict

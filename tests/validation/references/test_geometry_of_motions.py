@@ -13,7 +13,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Strain
 from palpate.reference.errors import ReferenceStepError
 from palpate.validation.case import load_case
-from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.metrics import make_state
 from palpate.validation.references import geometry
 from palpate.validation.references.bars import GEOMETRY, PARTS

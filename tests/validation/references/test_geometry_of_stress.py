@@ -9,8 +9,8 @@ import pytest
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
-from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.case_references import truth_request
+from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.references.geometry import with_geometry
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, ReferenceSet
 from palpate.validation.references.runs import solve_state

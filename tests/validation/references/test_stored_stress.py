@@ -11,8 +11,7 @@ import pytest
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.case_judge import CaseJudge
-from palpate.validation.judging.checks import name_of_bar
+from palpate.validation.judging.checks import CaseJudge, name_of_bar
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.references.stored import (
