@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from judged import GREEN, case_of, failed, judged_by, sending, solved, stored
 from rich.console import Console
 
 from palpate.fastsim.dynamics import simulate
@@ -16,7 +17,7 @@ from palpate.fastsim.explicit_body import Precision as Arithmetic
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.candidates.candidate import Candidate, fastsim_candidate, result_candidate
+from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_arrays import (
@@ -25,55 +26,35 @@ from palpate.validation.exchange.nodal_arrays import (
     lumped_mass,
     nodal_force,
 )
-from palpate.validation.judging import judge, outputs
+from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.metrics import make_state
 from palpate.validation.metrics.body import body_of, shape_gradients
 from palpate.validation.metrics.stepping import steps_per_output
 from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED, ReferenceSet
-from palpate.validation.references.stored import load_stored
-from palpate.validation.states import Precision, Trajectory, Verdict
+from palpate.validation.states import Precision, Verdict
 
 REMARK = "agrees to single precision"
 
 
-def answering(make, element=Element.LINEAR):
-    """A candidate whose answer is made from the problem and the strain measure."""
-
-    def solve(problem, strain, _progress):
-        made = make(problem, strain)
-        motion = None
-        if made.ndim == 3:
-            times = np.linspace(0.0, problem.time.end_time, len(made))
-            motion, made = Trajectory(times, made), made[-1]
-        return make_state(
-            problem.mesh, made, label="it", simulator="it", strain=strain, trajectory=motion,
-            element=element,
-        )  # fmt: skip
-
-    return Candidate("it", solve)
-
-
-def kept(name, rounded):
-    """The reference's own displacement as a program in single precision would hand it over.
+def sent(name, rounded):
+    """The reference's own displacement as a program in single precision would send it.
 
     Of smoothed tetrahedra: linear ones fail what the users of these cases need of the truth.
     """
 
     def make(problem, strain):
-        state = load_stored(name, problem).states[SMOOTHED, strain]
-        motion = state.trajectory
-        values = state.displacement if motion is None else motion.displacements
+        state = stored(name, SMOOTHED, strain)
+        values = state.displacement if problem.time is None else state.displacements
         return rounded(problem.mesh.points, values)
 
-    return answering(make, Element.SMOOTHED)
+    return sending(make, element=Element.SMOOTHED)
 
 
 def as_displacements(_rest, values):
     return values.astype(np.float32).astype(np.float64)
 
 
-def as_places(rest, values):
+def as_positions(rest, values):
     return (rest + values).astype(np.float32).astype(np.float64) - rest
 
 
@@ -144,78 +125,71 @@ def fastsim_in_single(problem, strain):
 
 
 ANSWERS = {
-    "places handed over, block": ("block", kept("block", as_places)),
-    "places handed over, beam": ("beam", kept("beam", as_places)),
-    "places handed over, cantilever": ("cantilever", kept("cantilever", as_places)),
-    "places handed over, motion": ("block-motion", kept("block-motion", as_places)),
-    "displacements handed over": ("beam", kept("beam", as_displacements)),
-    "Newton": ("confined", answering(newton_in_single)),
-    "own steps": ("block-motion", answering(steps_in_single)),
-    "fastsim's steps": ("block-motion", answering(fastsim_in_single)),
-    "fastsim's steps, waves": ("wave", answering(fastsim_in_single)),
+    "positions sent, block": ("block", sent("block", as_positions)),
+    "positions sent, beam": ("beam", sent("beam", as_positions)),
+    "positions sent, cantilever": ("cantilever", sent("cantilever", as_positions)),
+    "positions sent, motion": ("block-motion", sent("block-motion", as_positions)),
+    "displacements sent": ("beam", sent("beam", as_displacements)),
+    "Newton": ("confined", sending(newton_in_single)),
+    "own steps": ("block-motion", sending(steps_in_single)),
+    "fastsim's steps": ("block-motion", sending(fastsim_in_single)),
+    "fastsim's steps, waves": ("wave", sending(fastsim_in_single)),
 }
+
+
+@pytest.fixture
+def block_of_single(tmp_path):
+    """A result file: the block's reference, rounded as positions; it says so itself."""
+    rest = case_of("block").problem.mesh.points
+    moved = as_positions(rest, stored("block", SAME_MESH).displacement)
+    about = json.dumps({"tool": "it", "precision": "single"})
+    np.savez(tmp_path / "answer.npz", displacement=moved, about=about)
+    return tmp_path / "answer.npz"
 
 
 @pytest.mark.parametrize("word", ANSWERS)
 def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word):
     name, candidate = ANSWERS[word]
-    case = load_case(name)
-    strict = judge_case(case, candidate=candidate)
+    strict = judge_case(case_of(name), candidate=candidate)
     assert strict.verdict is Verdict.FAILED
-    failed = [check for check in strict.checks if check.verdict is Verdict.FAILED]
-    assert all(REMARK in check.message for check in failed)
-    granted = judge_case(case, candidate=candidate, precision=Precision.SINGLE)
+    assert all(REMARK in check.message for check in failed(strict))
+    granted = judge_case(case_of(name), candidate=candidate, precision=Precision.SINGLE)
     assert granted.verdict is Verdict.PASSED, [c.message for c in granted.checks]
 
 
 @pytest.mark.parametrize(
-    ("name", "fault"),
-    [
-        ("block", Fault.SOFTER),
-        ("block", Fault.SWAPPED_LAME),
-        ("block", Fault.DROPPED_LOAD),
-        ("beam", Fault.SOFTER),
-        ("beam", Fault.DROPPED_LOAD),
-        ("cantilever", Fault.SOFTER),
-        ("kidney", Fault.SOFTER),
-        ("kidney", Fault.SWAPPED_LAME),
-        ("press", Fault.SOFTER),
-        ("block-motion", Fault.SOFTER),
-        ("block-motion", Fault.SWAPPED_LAME),
-        ("block-motion", Fault.DROPPED_LOAD),
-        ("block-motion", Fault.WRONG_MASS),
-        ("block-motion", Fault.NO_DAMPING),
-        ("slide", Fault.SOFTER),
-        ("wave", Fault.SOFTER),
-    ],
-)
-def test_a_wrong_answer_fails_in_single_precision_too(name, fault):
-    result = judge_case(
-        load_case(name),
-        candidate=with_fault(fastsim_candidate(), fault),
-        precision=Precision.SINGLE,
-    )
-    assert result.verdict is Verdict.FAILED
-    failed = [check for check in result.checks if check.verdict is Verdict.FAILED]
-    assert any(check.precision is Precision.SINGLE for check in failed)
-    assert not any(REMARK in check.message for check in result.checks)
+    ("name", "faults"),
+    {
+        "block": (Fault.SOFTER, Fault.SWAPPED_LAME, Fault.DROPPED_LOAD),
+        "beam": (Fault.SOFTER, Fault.DROPPED_LOAD),
+        "cantilever": (Fault.SOFTER,),
+        "kidney": (Fault.SOFTER, Fault.SWAPPED_LAME),
+        "press": (Fault.SOFTER,),
+        "block-motion": (
+            Fault.SOFTER, Fault.SWAPPED_LAME, Fault.DROPPED_LOAD, Fault.WRONG_MASS,
+            Fault.NO_DAMPING,
+        ),
+        "slide": (Fault.SOFTER,),
+        "wave": (Fault.SOFTER,),
+    }.items(),
+)  # fmt: skip
+def test_a_wrong_answer_fails_in_single_precision_too(name, faults):
+    for fault in faults:
+        wrong = with_fault(fastsim_candidate(), fault)
+        result = judge_case(case_of(name), candidate=wrong, precision=Precision.SINGLE)
+        assert result.verdict is Verdict.FAILED, fault
+        assert any(check.precision is Precision.SINGLE for check in failed(result)), fault
+        assert not any(REMARK in check.message for check in result.checks), fault
 
 
 def test_a_wrong_answer_has_no_such_remark():
-    result = judge_case(load_case("block"), candidate=with_fault(fastsim_candidate(), Fault.SOFTER))
+    result = judge_case(case_of("block"), candidate=with_fault(fastsim_candidate(), Fault.SOFTER))
     assert result.verdict is Verdict.FAILED
     assert not any(REMARK in check.message for check in result.checks)
 
 
-def test_what_a_simulator_says_of_itself_loosens_nothing(tmp_path):
-    problem = load_case("block").problem
-    state = load_stored("block", problem).states[SAME_MESH, Strain.GREEN]
-    np.savez(
-        tmp_path / "answer.npz",
-        displacement=as_places(problem.mesh.points, state.displacement),
-        about=json.dumps({"tool": "it", "precision": "single"}),
-    )
-    result = judge_case(load_case("block"), candidate=result_candidate(tmp_path / "answer.npz"))
+def test_what_a_simulator_says_of_itself_loosens_nothing(block_of_single):
+    result = judge_case(case_of("block"), candidate=result_candidate(block_of_single))
     assert result.verdict is Verdict.FAILED
     assert {check.precision for check in result.checks} == {Precision.DOUBLE}
     assert any(REMARK in check.message for check in result.checks)
@@ -223,50 +197,42 @@ def test_what_a_simulator_says_of_itself_loosens_nothing(tmp_path):
 
 def test_a_case_may_grant_it_to_all_or_some_of_its_checks(write_case, monkeypatch):
     def judged(*changes):
-        path = write_case(*changes)
-        case = load_case(str(path))
-        problem = case.problem
-        exact = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
-        places = as_places(problem.mesh.points, exact.displacement)
-        reference = dataclasses.replace(exact, label=SAME_MESH)
-        references = ReferenceSet({(SAME_MESH, Strain.GREEN): reference}, {}, "made up")
-        monkeypatch.setattr(judge, "find_references", lambda *_a, **_o: references)
-        return judge_case(case, candidate=answering(lambda _p, _s: places))
+        case = load_case(str(write_case(*changes)))
+        exact = dataclasses.replace(solved(case.problem), label=SAME_MESH)
+        rounded = as_positions(case.problem.mesh.points, exact.displacement)
+        references = ReferenceSet({(SAME_MESH, GREEN): exact}, {}, "made up")
+        candidate = sending(lambda _problem, _strain: rounded)
+        return judged_by(references, monkeypatch, case, candidate=candidate)
 
+    whole = ("schema = 1\n", 'schema = 1\nprecision = "single"\n')
     assert judged().verdict is Verdict.FAILED
-    whole = judged(("schema = 1\n", 'schema = 1\nprecision = "single"\n'))
-    assert whole.verdict is Verdict.PASSED
-    assert [c.precision for c in whole.checks] == [Precision.SINGLE, Precision.DOUBLE]
+    granted = judged(whole)
+    assert granted.verdict is Verdict.PASSED
+    assert [c.precision for c in granted.checks] == [Precision.SINGLE, Precision.DOUBLE]
     one = judged(("limit = 1e-8\n", 'limit = 1e-8\nprecision = "single"\n'))
     assert one.verdict is Verdict.PASSED
-    back = judged(
-        ("schema = 1\n", 'schema = 1\nprecision = "single"\n'),
-        ("limit = 1e-8\n", 'limit = 1e-8\nprecision = "double"\n'),
-    )
+    back = judged(whole, ("limit = 1e-8\n", 'limit = 1e-8\nprecision = "double"\n'))
     assert back.verdict is Verdict.FAILED
     with pytest.raises(InputError, match="smallest_det_f"):
         judged(("limit = 0.0\n", 'limit = 0.0\nprecision = "single"\n'))
 
 
 def test_the_precision_stands_in_every_output():
-    name, candidate = ANSWERS["places handed over, cantilever"]
-    results = [judge_case(load_case(name), candidate=candidate, precision=Precision.SINGLE)]
-    document = json.loads(outputs.results_json(results, "x"))
-    told = {(c["against"], c["precision"]) for c in document["cases"][0]["checks"]}
-    assert told == {
+    name, candidate = ANSWERS["positions sent, cantilever"]
+    results = [judge_case(case_of(name), candidate=candidate, precision=Precision.SINGLE)]
+    (case,) = json.loads(outputs.results_json(results, "x"))["cases"]
+    assert {(c["against"], c["precision"]) for c in case["checks"]} == {
         ("same_mesh", "single"),
         ("truth", "single"),
         ("truth", "double"),  # the truth's own, against a published number
         ("candidate", "single"),  # a published number is compared too
         ("candidate", "double"),
     }
-    truth = [c for c in document["cases"][0]["checks"] if c["against"] == "truth"]
     # Limits that a user needs are far above what rounding does, and stay.
-    assert [c["limit"] for c in truth] == [0.02, 2e-3, 2e-3]
-    tests = ET.fromstring(outputs.junit_xml(results)).iter("testcase")
+    assert [c["limit"] for c in case["checks"] if c["against"] == "truth"] == [0.02, 2e-3, 2e-3]
     kinds = {
         (prop.get("value"), "single precision" in str(test.get("name")))
-        for test in tests
+        for test in ET.fromstring(outputs.junit_xml(results)).iter("testcase")
         for prop in test.iter("property")
         if prop.get("name") == "precision"
     }
@@ -280,15 +246,6 @@ def test_the_precision_stands_in_every_output():
     assert "single precision" in outputs.summary_markdown(results)
 
 
-def test_the_caller_grants_it_on_the_command_line(tmp_path, command_line):
-    problem = load_case("block").problem
-    state = load_stored("block", problem).states[SAME_MESH, Strain.GREEN]
-    answer = tmp_path / "answer.npz"
-    np.savez(answer, displacement=as_places(problem.mesh.points, state.displacement))
-
-    def code(*more):
-        return command_line("compare", "block", answer, *more)
-
-    assert code() == 1
-    assert code("--precision", "single") == 0
-    assert code("--precision", "half") == 2
+def test_the_caller_grants_it_on_the_command_line(block_of_single, command_line):
+    for words, code in (([], 1), (["--precision", "single"], 0), (["--precision", "half"], 2)):
+        assert command_line("compare", "block", block_of_single, *words) == code

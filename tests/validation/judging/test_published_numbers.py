@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import GREEN, solved
 from pydantic import ValidationError
 
 from palpate.meshes.errors import InputError
@@ -87,9 +88,14 @@ poissons_ratio = 0.3
 EVERYWHERE = "region = { half_space = { point = [0, 0, 0], normal = [1, 0, 0] } }"
 
 
-def forms(strain: Strain) -> list[tuple[str, str, float]]:
+Form = tuple[str, str, float]
+# A corner of the pressed face goes as far as it is pushed.
+CORNER: Form = ("published_displacement", 'at = [2.0, 1.0, 1.0]\ncomponent = "x"', 2.0 * (A - 1))
+
+
+def forms(strain: Strain) -> list[Form]:
     """Metric, what it is of, and the number in the case's units."""
-    is_green = strain is Strain.GREEN
+    is_green = strain is GREEN
     e = (A**2 - 1) / 2 if is_green else A - 1
     pressed = A * M * e if is_green else M * e
     aside = LMBDA * e / A if is_green else LMBDA * e
@@ -108,8 +114,8 @@ def forms(strain: Strain) -> list[tuple[str, str, float]]:
 
 
 def check(metric: str, of: str, expected: float, strain: Strain, **more: object) -> str:
-    told = {"against": '"candidate"', "limit": 1e-6, "uncertainty": 0.0} | more
-    lines = [f"{key} = {value}" for key, value in told.items()]
+    keys = {"against": '"candidate"', "limit": 1e-6, "uncertainty": 0.0} | more
+    lines = [f"{key} = {value}" for key, value in keys.items()]
     return "\n".join(
         [
             f'\n[[check]]\nmetric = "{metric}"\nstrain = "{strain}"\nexpected = {expected!r}',
@@ -127,15 +133,11 @@ def write(folder: Path, *checks: str, by: str = PUSHED) -> Case:
     return load_case(path)
 
 
-def solved(case: Case, strain: Strain, element: Element = Element.LINEAR) -> State:
-    return fastsim_candidate(element=element).solve(case.problem, strain, in_silence)
-
-
 def as_truth(case: Case, state: State, label: str) -> State:
     """A homogeneous state as a quadratic one would be stored."""
     stresses = state.stresses
     assert stresses is not None
-    F = np.diag([A, 1.0, 1.0]) if state.strain is Strain.GREEN else np.eye(3)
+    F = np.diag([A, 1.0, 1.0]) if state.strain is GREEN else np.eye(3)
     P = F @ stresses.second_piola_kirchhoff
     told = CellStresses(stresses.second_piola_kirchhoff, stresses.cauchy, P)
     spec = case.checks[0].model_copy(update={"metric": "published_energy", "component": None})
@@ -165,7 +167,7 @@ def judged(
 @pytest.mark.parametrize("strain", Strain)
 def test_the_closed_forms_of_the_candidate(tmp_path: Path, strain: Strain, element: Element):
     case = write(tmp_path, *(check(*form, strain) for form in forms(strain)))
-    answer = solved(case, strain, element)
+    answer = solved(case.problem, strain, element=element)
     for found in judged(case, answer):
         assert found.verdict is Verdict.PASSED, found.message
         assert found.value is not None
@@ -195,7 +197,7 @@ def test_the_closed_forms_of_the_candidate(tmp_path: Path, strain: Strain, eleme
 def test_the_truths_numbers_have_the_bars_that_it_was_asked_for(tmp_path: Path, strain: Strain):
     checks = [check(*form, strain, against='"truth"') for form in forms(strain)]
     case = write(tmp_path, *checks)
-    answer = solved(case, strain)
+    answer = solved(case.problem, strain)
     truth, coarse = as_truth(case, answer, TRUTH), as_truth(case, answer, QUADRATIC)
     for found in judged(case, None, truth, bar=1e-8):
         assert found.verdict is Verdict.PASSED, found.message
@@ -229,11 +231,11 @@ def test_the_truths_numbers_have_the_bars_that_it_was_asked_for(tmp_path: Path, 
 
 
 def test_a_files_truth_tells_the_energy(tmp_path: Path):
-    case = write(tmp_path, check(*forms(Strain.GREEN)[3], Strain.GREEN))
-    truth = as_truth(case, solved(case, Strain.GREEN), TRUTH)
-    given = ReferenceSet({(TRUTH, Strain.GREEN): truth}, {}, "made")
+    case = write(tmp_path, check(*forms(GREEN)[3], GREEN))
+    truth = as_truth(case, solved(case.problem), TRUTH)
+    given = ReferenceSet({(TRUTH, GREEN): truth}, {}, "made")
     write_reference(tmp_path / "x.npz", "pressed", "key", given, {})
-    again = read_reference(tmp_path / "x.npz")[0].states[TRUTH, Strain.GREEN].integrals
+    again = read_reference(tmp_path / "x.npz")[0].states[TRUTH, GREEN].integrals
     assert again is not None
     assert truth.integrals is not None
     assert again.strain_energy == truth.integrals.strain_energy
@@ -244,7 +246,7 @@ def test_the_force_of_a_plate(tmp_path: Path, strain: Strain):
     pressed = forms(strain)[0][2]
     told = check("published_tool_force", 'tool = 1\ncomponent = "x"', pressed, strain)
     case = write(tmp_path, told, by=PLATE)
-    answer = solved(case, strain)
+    answer = solved(case.problem, strain)
     (found,) = judged(case, answer)
     # What the plate feels is what it exerts, turned round: along +x.
     assert found.verdict is Verdict.PASSED, found.message
@@ -255,34 +257,41 @@ def test_the_force_of_a_plate(tmp_path: Path, strain: Strain):
         assert found.verdict is Verdict.FAILED
 
 
-@pytest.mark.parametrize("form", forms(Strain.GREEN), ids=lambda form: form[0])
-@pytest.mark.parametrize(
-    ("off", "uncertainty", "wanted"),
-    [
+@pytest.mark.parametrize("against", ["candidate", "truth"])
+@pytest.mark.parametrize("form", [*forms(GREEN), CORNER], ids=lambda form: form[0])
+def test_a_measurements_uncertainty_counts_like_a_bar(tmp_path: Path, form: Form, against: str):
+    metric, of, exact = form
+    for off, uncertainty, wanted in (
+        (0.01, 0.0, Verdict.PASSED),
         (0.01, 0.005, Verdict.PASSED),
         (0.01, 0.015, Verdict.INCONCLUSIVE),
+        (0.03, 0.0, Verdict.FAILED),
         (0.03, 0.005, Verdict.FAILED),
         (0.03, 0.015, Verdict.INCONCLUSIVE),
-    ],
-)
-def test_a_measurements_uncertainty_counts_like_a_bar(
-    tmp_path: Path, form: tuple[str, str, float], off: float, uncertainty: float, wanted: Verdict
-):
-    metric, of, exact = form
-    measured = exact / (1.0 - off)
-    more = {"uncertainty": uncertainty * abs(measured), "limit": 0.02}
-    case = write(tmp_path, check(metric, of, measured, Strain.GREEN, **more))
-    (found,) = judged(case, solved(case, Strain.GREEN))
-    assert found.verdict is wanted
-    assert found.value == pytest.approx(off, rel=1e-6)
-    assert found.reference_error == pytest.approx(uncertainty, rel=1e-6)
+    ):
+        measured = exact / (1.0 - off)
+        more = {"uncertainty": uncertainty * abs(measured), "limit": 0.02}
+        case = write(tmp_path, check(metric, of, measured, GREEN, against=f'"{against}"', **more))
+        answer = solved(case.problem)
+        if against == "candidate":
+            (found,) = judged(case, answer)
+        else:
+            truth = as_truth(case, answer, TRUTH)
+            (found,) = judged(case, None, truth, bar=1e-12)
+            if form is CORNER:  # the truth's own bar comes on top
+                (doubtful,) = judged(case, None, truth, bar=0.04)
+                assert doubtful.verdict is Verdict.INCONCLUSIVE
+        assert found.verdict is wanted
+        assert found.value == pytest.approx(off, rel=1e-6)
+        assert found.reference_error == pytest.approx(uncertainty, abs=1e-6)
+        assert ("+-" in found.message) == bool(found.reference_error)
 
 
 def test_single_precision_is_granted_to_them_too(tmp_path: Path):
-    told = [check(*form, Strain.GREEN, limit=1e-12) for form in forms(Strain.GREEN)]
+    told = [check(*form, GREEN, limit=1e-12) for form in forms(GREEN)]
     case = write(tmp_path, *told)
-    right = dataclasses.replace(solved(case, Strain.GREEN), label=SAME_MESH)
-    given = ReferenceSet({(SAME_MESH, Strain.GREEN): right}, {}, "made")
+    right = dataclasses.replace(solved(case.problem), label=SAME_MESH)
+    given = ReferenceSet({(SAME_MESH, GREEN): right}, {}, "made")
     for spec in PrecisionGrant(case, given, Precision.SINGLE).checks():
         assert 1e-8 < spec.limit < 1e-4, spec.metric
 
@@ -307,6 +316,11 @@ def test_single_precision_is_granted_to_them_too(tmp_path: Path):
         ("published_stress", {"component": "zx"}, "component"),
         ("published_displacement", {"component": "xx", "at": (0, 0, 0)}, "is one of x, y, z"),
         ("displacement_l2", {"against": "same_mesh"}, "expected goes with"),
+        (
+            "displacement_l2",
+            {"against": "same_mesh", "expected": None, "uncertainty": 0.1},
+            "uncertainty goes with published_displacement, pub",
+        ),
     ],
 )
 def test_bad_checks_are_named(metric: str, lines: dict[str, object], words: str):
@@ -317,30 +331,27 @@ def test_bad_checks_are_named(metric: str, lines: dict[str, object], words: str)
 
 
 def test_what_is_not_there_is_named(tmp_path: Path):
-    green = Strain.GREEN
     of = 'support = 9\ncomponent = "x"'
     with pytest.raises(InputError, match=r"support = 9, but the case has 6"):
-        write(tmp_path, check("published_reaction", of, 1.0, green)).problem  # noqa: B018
+        write(tmp_path, check("published_reaction", of, 1.0, GREEN)).problem  # noqa: B018
     of = 'tool = 2\ncomponent = "x"'
     with pytest.raises(InputError, match=r"tool = 2, but the case has 1"):
-        write(tmp_path, check("published_tool_force", of, 1.0, green), by=PLATE).problem  # noqa: B018
+        write(tmp_path, check("published_tool_force", of, 1.0, GREEN), by=PLATE).problem  # noqa: B018
     of = 'tool = 1\ncomponent = "x"'
     with pytest.raises(InputError, match=r"published_tool_force needs \[tool\]"):
-        write(tmp_path, check("published_tool_force", of, 1.0, green))
+        write(tmp_path, check("published_tool_force", of, 1.0, GREEN))
     time = "[time]\nend_time = 0.1\nnum_outputs = 2\n"
     moving = PUSHED + "amplitude = { times = [0.0, 0.1], factors = [0.0, 1.0] }\n" + time
     of = 'support = 6\ncomponent = "x"'
     with pytest.raises(InputError, match="support 6 moves in time"):
-        write(tmp_path, check("published_reaction", of, 1.0, green), by=moving).problem  # noqa: B018
+        write(tmp_path, check("published_reaction", of, 1.0, GREEN), by=moving).problem  # noqa: B018
     with pytest.raises(InputError, match=r"the truth of a case with \[time\] knows"):
-        write(tmp_path, check(*forms(green)[3], green, against='"truth"'), by=PUSHED + time)
+        write(tmp_path, check(*forms(GREEN)[3], GREEN, against='"truth"'), by=PUSHED + time)
 
 
 def test_an_answer_on_a_mesh_of_its_own_is_read_with_its_doubt(tmp_path: Path):
-    case = write(
-        tmp_path, *(check(*form, Strain.GREEN, limit=0.05) for form in forms(Strain.GREEN))
-    )
-    answer = on_own_mesh(fastsim_candidate()).solve(case.problem, Strain.GREEN, in_silence)
+    case = write(tmp_path, *(check(*form, GREEN, limit=0.05) for form in forms(GREEN)))
+    answer = on_own_mesh(fastsim_candidate()).solve(case.problem, GREEN, in_silence)
     assert answer.own is not None
     for found in judged(case, answer):
         # Homogeneous: nothing is lost between the points of either mesh.
@@ -356,11 +367,11 @@ def test_an_answer_on_a_mesh_of_its_own_is_read_with_its_doubt(tmp_path: Path):
 
 
 def test_of_a_motion_it_is_the_last_state(tmp_path: Path):
-    of = [form for form in forms(Strain.GREEN) if form[0] != "published_tool_force"]
-    still = write(tmp_path, *(check(*form, Strain.GREEN) for form in of))
-    last = solved(still, Strain.GREEN)
+    of = [form for form in forms(GREEN) if form[0] != "published_tool_force"]
+    still = write(tmp_path, *(check(*form, GREEN) for form in of))
+    last = solved(still.problem)
     time = "[time]\nend_time = 0.1\nnum_outputs = 4\n"
-    case = write(tmp_path, *(check(*form, Strain.GREEN) for form in of), by=PUSHED + time)
+    case = write(tmp_path, *(check(*form, GREEN) for form in of), by=PUSHED + time)
     assert case.problem.time is not None
     times = np.linspace(0.0, 0.1, 5)
     motion = Trajectory(times, times[:, None, None] / 0.1 * last.displacement)
