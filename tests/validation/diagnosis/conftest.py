@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from judged import case_of, stored
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import result_candidate
-from palpate.validation.case import Case, load_case
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.judging.case_references import find_references
-from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH
 from palpate.validation.states import State
 
 SIMULATOR = Path(__file__).parent / "one_file_simulator.py"
@@ -28,16 +26,6 @@ def load_simulator() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@cache
-def case_of(name: str) -> Case:
-    return load_case(name)
-
-
-@cache
-def references_of(name: str) -> ReferenceSet:
-    return find_references(case_of(name), live=False, progress=lambda _line: None)
 
 
 class Answers:
@@ -70,4 +58,4 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Answers:
 @pytest.fixture(scope="session")
 def reference() -> Callable[[str], State]:
     """A case's reference on its own mesh, with its strain measure."""
-    return lambda name: references_of(name).states[SAME_MESH, case_of(name).strain]
+    return lambda name: stored(name, SAME_MESH, case_of(name).strain)

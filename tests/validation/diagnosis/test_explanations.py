@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from judged import case_of, state_of
 
 from palpate.fastsim.statics import solve_static
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.case import load_case
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.diagnosis import Cause, Diagnosis, Explanation, diagnose
 from palpate.validation.diagnosis.explanation import (
     OF_FORCE,
@@ -27,16 +29,10 @@ from palpate.validation.diagnosis.result_hypotheses import (
     result_hypotheses,
     turned_otherwise,
 )
-from palpate.validation.metrics import make_state
+from palpate.validation.judging.metamorphic import judge_relations
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import law_of, laws_instead_of
-from palpate.validation.states import OwnMesh, State, Trajectory
-
-Field = NDArray[np.float64]
-
-
-def state(problem: Problem, displacement: Field, strain: Strain = Strain.GREEN) -> State:
-    return make_state(problem.mesh, displacement, label="c", simulator="c", strain=strain)
+from palpate.validation.states import OwnMesh, State, in_silence
 
 
 def explanation(
@@ -122,9 +118,9 @@ def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
 
 
 def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
 
-    def asked_with(mistake: str) -> Callable[[Problem], Field]:
+    def asked_with(mistake: str) -> Callable[[Problem], Points]:
         return lambda given: answers.to(given, Strain.GREEN, mistake).displacement
 
     def tried(mistake: str) -> Explanation:
@@ -140,44 +136,38 @@ def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> Non
 
 
 def test_tools_that_are_left_out_and_their_forces_are_named() -> None:
-    from palpate.validation.candidates.candidate import fastsim_candidate
-    from palpate.validation.candidates.faults import Fault, with_fault
+    problem = case_of("press").problem
 
-    problem = load_case("press").problem
-    right = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
-    without = with_fault(fastsim_candidate(), Fault.DROPPED_TOOL).solve(
-        problem, Strain.GREEN, lambda _line: None
-    )
-    assert name_of(diagnose(problem, without, right)) == "tools left out: nothing touches"
-    soft = with_fault(fastsim_candidate(), Fault.SOFTER).solve(
-        problem, Strain.GREEN, lambda _line: None
-    )
-    # Only what the tool does moves the body: a softer one moves just as far.
-    assert name_of(diagnose(problem, soft, right)).startswith(
-        "force on the tools 0.98 times what was asked"
-    )
-    assert right.tool_forces is not None
-    pushed = dataclasses.replace(right, tool_forces=-right.tool_forces)
-    assert name_of(diagnose(problem, pushed, right)) == "force on the tools reversed"
+    def with_mistake(fault: Fault) -> State:
+        return with_fault(fastsim_candidate(), fault).solve(problem, Strain.GREEN, in_silence)
+
+    right = with_mistake(Fault.NONE)
+    for fault, words in (
+        (Fault.DROPPED_TOOL, "tools left out: nothing touches"),
+        # Only what the tool does moves the body: a softer one moves just as far.
+        (Fault.SOFTER, "force on the tools 0.98 times what was asked"),
+        (Fault.REVERSED_TOOL_FORCE, "force on the tools reversed"),
+    ):
+        assert name_of(diagnose(problem, with_mistake(fault), right)).startswith(words)
 
 
 def test_on_a_mesh_of_its_own_only_units_are_tried() -> None:
-    problem = load_case("block").problem
-    truth = state(problem, solve_static(problem).displacement)
+    problem = case_of("block").problem
+    truth = state_of(problem, solve_static(problem).displacement)
     finer = refine_problem(problem)
     fine = solve_static(finer).displacement
     own = OwnMesh(finer.mesh, 1e3 * fine[None])
-    read = state(problem, 1e3 * fine[: problem.mesh.num_points])
+    read = state_of(problem, 1e3 * fine[: problem.mesh.num_points])
     diagnosis = diagnose(problem, dataclasses.replace(read, own=own), truth)
     assert name_of(diagnosis) == "displacement in millimetres"
     assert "mesh of its own" in str(diagnosis)
     healthy = OwnMesh(finer.mesh, fine[None])
-    read = dataclasses.replace(state(problem, 1e-3 * read.displacement), own=healthy)
+    read = dataclasses.replace(state_of(problem, 1e-3 * read.displacement), own=healthy)
     assert diagnose(problem, read, truth).explanations == ()
 
 
 def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> None:
-    given = load_case("block-motion").problem
+    given = case_of("block-motion").problem
     assert given.time is not None
     unknown = dataclasses.replace(given, time=dataclasses.replace(given.time, time_step=None))
     diagnosis = diagnose(unknown, answers.of("block-motion", "softer"), None)
@@ -195,16 +185,11 @@ def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> 
 
 
 def test_a_motion_of_too_many_steps_says_that_nothing_was_tried() -> None:
-    problem = load_case("csm3").problem
+    problem = case_of("csm3").problem
     assert problem.time is not None
     still = np.zeros((problem.time.num_outputs + 1, *problem.mesh.points.shape))
-    times = np.linspace(0.0, problem.time.end_time, len(still))
     # 0.04 s from output to output: 4 000 steps.
-    answered = dataclasses.replace(
-        state(problem, still[-1]),
-        trajectory=Trajectory(times, still),
-        details={"time_step": 1e-5},
-    )
+    answered = state_of(problem, still, details={"time_step": 1e-5})
     assert str(diagnose(problem, answered, None)).startswith("nothing was tried. Too many steps")
 
 
@@ -225,15 +210,11 @@ def test_solver_noise_is_no_anisotropy() -> None:
 
 
 def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None:
-    from palpate.validation.candidates.candidate import Candidate
-    from palpate.validation.judging.metamorphic import judge_relations
-
     def judged(mistake: str) -> tuple[Diagnosis, ...]:
-        def solve(given: Problem, strain: Strain, _progress: Callable[[str], None]) -> State:
+        def solve(given: Problem, strain: Strain, _progress: Any) -> State:
             return answers.to(given, strain, mistake)
 
-        candidate = Candidate("mine", solve)
-        return judge_relations(load_case("block"), candidate, lambda _line: None).diagnoses
+        return judge_relations(case_of("block"), Candidate("mine", solve), in_silence).diagnoses
 
     (found,) = judged("orthotropic")
     assert "not isotropic" in name_of(found)
@@ -242,6 +223,8 @@ def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None
 
 def test_an_answer_that_hardly_moves_is_given_no_law() -> None:
     """Constants as large as you like bring any small answer into equilibrium."""
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     right = solve_static(problem, strain=Strain.LINEAR).displacement
-    assert diagnose(problem, state(problem, 1e-30 * right, Strain.LINEAR), None).explanations == ()
+    assert (
+        diagnose(problem, state_of(problem, 1e-30 * right, Strain.LINEAR), None).explanations == ()
+    )

@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from judged import case_of, state_of
 from typer.testing import CliRunner
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
-from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.diagnosis import diagnose
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.metrics import make_state
 from palpate.validation.report.html import write_report
 from palpate.validation.states import Progress, State, Verdict
 
@@ -84,25 +83,23 @@ def test_a_right_program_is_not_diagnosed(tmp_path: Path) -> None:
 
 def test_the_report_has_a_section_for_it(tmp_path: Path) -> None:
     result = judge_case(
-        load_case("block"), candidate=with_fault(fastsim_candidate(), Fault.SWAPPED_LAME)
+        case_of("block"), candidate=with_fault(fastsim_candidate(), Fault.SWAPPED_LAME)
     )
     page = write_report([result], tmp_path).read_text("utf-8")
     assert "Diagnosis: what would explain it" in page
     assert page.count("Lamé&#39;s parameters exchanged") >= 2
-    healthy = judge_case(load_case("block"))
+    healthy = judge_case(case_of("block"))
     assert "Diagnosis" not in write_report([healthy], tmp_path).read_text("utf-8")
 
 
 @pytest.mark.parametrize("size", [1e150, 1e300, 1.7e308])
 def test_numbers_beyond_all_bounds_are_diagnosed_without_a_crash(size: float) -> None:
     """Finite, but their squares are not: the verdict must not be lost to the diagnosis."""
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     rng = np.random.default_rng(0)
     displacement = size * rng.choice([-1.0, 1.0], size=problem.mesh.points.shape)
     with np.errstate(all="ignore"):
-        state = make_state(
-            problem.mesh, displacement, label="c", simulator="c", strain=load_case("block").strain
-        )
+        state = state_of(problem, displacement)
         truth = fastsim_candidate().solve(problem, state.strain, lambda _line: None)
     for reference in (truth, None):
         assert diagnose(problem, state, reference).explanations == ()
@@ -119,6 +116,6 @@ def test_only_a_quick_candidate_is_asked_again(seconds: float, is_asked_again: b
         bent = state.displacement + 1e-3 * np.sin(300.0 * problem.mesh.points[:, [1, 2, 0]])
         return dataclasses.replace(state, displacement=bent, seconds=seconds)
 
-    result = judge_case(load_case("block"), candidate=Candidate("mine", solve))
+    result = judge_case(case_of("block"), candidate=Candidate("mine", solve))
     assert result.verdict is Verdict.FAILED
     assert (len(asked) > 1) is is_asked_again

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from judged import case_of, references_of
 
 from palpate.meshes.problem import Strain
-from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, diagnose
 from palpate.validation.diagnosis.explanation import DOUBLE, FAR_BETTER
 from palpate.validation.references.reference_set import SAME_MESH
@@ -91,7 +91,7 @@ def test_every_mistake_that_can_be_seeded_is_tried_here() -> None:
 def test_a_seeded_mistake_is_named(
     mistake: str, name: str, answers: Any, reference: Callable[[str], State]
 ) -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     diagnosis = diagnose(problem, answers.of("block", mistake), reference("block"))
     assert named(diagnosis) == name
     # The block is lopsided: no other slip does the same to it.
@@ -102,7 +102,7 @@ def test_a_seeded_mistake_is_named(
 def test_a_seeded_mistake_is_named_without_a_reference(
     mistake: str, name: str, answers: Any
 ) -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     assert named(diagnose(problem, answers.of("block", mistake), None)) == name
 
 
@@ -110,7 +110,7 @@ def test_a_seeded_mistake_is_named_without_a_reference(
 def test_a_mistake_in_a_motion_is_named(
     mistake: str, name: str, answers: Any, reference: Callable[[str], State]
 ) -> None:
-    problem = load_case("block-motion").problem
+    problem = case_of("block-motion").problem
     diagnosis = diagnose(problem, answers.of("block-motion", mistake), reference("block-motion"))
     assert named(diagnosis) == name
     assert len(diagnosis.explanations) == 1
@@ -127,7 +127,7 @@ def test_a_mistake_in_a_motion_is_named(
     ],
 )
 def test_a_mistake_in_stiffness_damping_is_named(factor: float, name: str) -> None:
-    problem = load_case("block-motion").problem
+    problem = case_of("block-motion").problem
     asked, had = (
         replace(problem, time=replace(problem.time, stiffness_damping=beta))
         for beta in (4e-4, 4e-4 * factor)
@@ -146,7 +146,7 @@ def test_a_mistake_that_nothing_fits_is_given_no_name(
     reference: Callable[[str], State],
 ) -> None:
     known = reference(case) if has_reference else None
-    diagnosis = diagnose(load_case(case).problem, answers.of(case, mistake), known)
+    diagnosis = diagnose(case_of(case).problem, answers.of(case, mistake), known)
     assert diagnosis.explanations == ()
     assert str(diagnosis).startswith(f"none of {diagnosis.tested} explanations fits")
     # In motion, without a reference, only the steps are left to try.
@@ -159,7 +159,7 @@ def test_a_mistake_that_nothing_fits_is_given_no_name(
 def test_a_wrong_number_that_is_no_slip_is_given_no_name(
     case: str, mistake: str, answers: Any, reference: Callable[[str], State]
 ) -> None:
-    diagnosis = diagnose(load_case(case).problem, answers.of(case, mistake), reference(case))
+    diagnosis = diagnose(case_of(case).problem, answers.of(case, mistake), reference(case))
     assert diagnosis.explanations == ()
     assert diagnosis.stated > 1e-3
 
@@ -167,7 +167,7 @@ def test_a_wrong_number_that_is_no_slip_is_given_no_name(
 def test_an_answer_that_is_spoiled_at_one_point_is_placed(
     answers: Any, reference: Callable[[str], State]
 ) -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     told = diagnose(problem, answers.of("block", "corner"), reference("block")).hint
     # The corner (40, 25, 20) mm and the points that share a cell with it.
     assert "hold but at 4 of 44 points, about (37.5, 21.8" in told
@@ -177,7 +177,7 @@ def test_an_answer_that_is_spoiled_at_one_point_is_placed(
 def test_a_right_answer_is_said_to_agree(
     case: str, answers: Any, reference: Callable[[str], State]
 ) -> None:
-    diagnosis = diagnose(load_case(case).problem, answers.of(case), reference(case))
+    diagnosis = diagnose(case_of(case).problem, answers.of(case), reference(case))
     assert [e.cause for e in diagnosis.explanations] == [Cause.AGREES]
     assert "fits" not in str(diagnosis)
 
@@ -185,7 +185,7 @@ def test_a_right_answer_is_said_to_agree(
 def test_single_precision_is_told_from_a_slip(
     answers: Any, reference: Callable[[str], State]
 ) -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     diagnosis = diagnose(problem, answers.of("block", "single"), reference("block"))
     assert [e.cause for e in diagnosis.explanations] == [Cause.PRECISION]
     assert "agrees to single precision" in str(diagnosis)
@@ -193,9 +193,7 @@ def test_single_precision_is_told_from_a_slip(
 
 def test_green_strain_in_the_place_of_linear_strain_is_named(answers: Any) -> None:
     """The other way round, against the reference's linear answer."""
-    from .conftest import references_of
-
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     states = references_of("block").states
     state = answers.to(problem, Strain.LINEAR, "other-strain")
     other = states[SAME_MESH, Strain.GREEN]
@@ -206,9 +204,7 @@ def test_green_strain_in_the_place_of_linear_strain_is_named(answers: Any) -> No
 
 def test_what_a_linear_case_cannot_tell_apart_is_listed(answers: Any) -> None:
     """Twice the loads, half the stiffness, twice the answer: the same numbers."""
-    from .conftest import references_of
-
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     reference = references_of("block").states[SAME_MESH, Strain.LINEAR]
     state = answers.to(problem, Strain.LINEAR, "millimetres")
     diagnosis = diagnose(problem, state, reference)
