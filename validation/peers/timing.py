@@ -100,7 +100,7 @@ class Child:
         )
         assert process.stdin is not None
         assert process.stdout is not None
-        self._say, self._said, self._end = process.stdin, process.stdout, process.terminate
+        self._input, self._output, self._end = process.stdin, process.stdout, process.terminate
         for stream in (process.stdin, process.stdout):
             self._process.callback(_close, stream)
         about = self._read()
@@ -134,8 +134,8 @@ class Child:
 
     def _time(self, num_steps: int) -> dict[str, Any]:
         with contextlib.suppress(BrokenPipeError):  # the next read says why
-            self._say.write(f"{num_steps}\n")
-            self._say.flush()
+            self._input.write(f"{num_steps}\n")
+            self._input.flush()
         timing = self._read()
         for clock in ("processor", "wall"):
             timing[clock] /= num_steps
@@ -154,7 +154,7 @@ class Child:
         # A process that hangs is ended, and has failed.
         timer = threading.Timer(self._schedule.time_limit, self._end)
         timer.start()
-        line = self._said.readline()
+        line = self._output.readline()
         is_late = not timer.is_alive()
         timer.cancel()
         if line:
@@ -164,7 +164,7 @@ class Child:
             raise ChildFailedError(f"not done within {self._schedule.time_limit:g} s")
         self._errors.seek(0)
         last = self._errors.read().strip().splitlines()[-12:]
-        raise ChildFailedError("\n".join(last) or "the process ended without a word")
+        raise ChildFailedError("\n".join(last) or "the process ended without output")
 
 
 @contextlib.contextmanager
@@ -184,7 +184,7 @@ def timed(
         ChildFailedError: Our own failed.
     """
 
-    def tell(tool: Tool, error: ChildFailedError) -> None:
+    def report(tool: Tool, error: ChildFailedError) -> None:
         if tool.name == OURS:
             raise error
         progress(f"{tool.name}: {str(error).splitlines()[-1]}")
@@ -201,7 +201,7 @@ def timed(
                 try:
                     child.start()
                 except ChildFailedError as error:
-                    tell(tool, error)
+                    report(tool, error)
                     continue
                 if child.version not in {"", *versions}:
                     children.append(child)
@@ -213,7 +213,7 @@ def timed(
                     child.time()
                 except ChildFailedError as error:
                     children.remove(child)
-                    tell(child.tool, error)
+                    report(child.tool, error)
         yield children
 
 

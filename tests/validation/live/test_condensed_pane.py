@@ -70,7 +70,7 @@ def test_the_page_has_it_without_the_cases_loads(serving) -> None:
         assert after[0] == pytest.approx(forces[2])
 
 
-def test_its_memory_is_told_beforehand() -> None:
+def test_its_memory_is_stated_beforehand() -> None:
     words = condensed_words(load_case("kidney").problem, Element.LINEAR)
     assert "touched" in words
     assert "MB while it is made" in words

@@ -68,7 +68,7 @@ def test_a_truth_that_is_not_found_in_time_leaves_the_verdict_on_the_same_mesh(
     )
 
 
-def test_a_truth_that_there_is_none_of_is_said_with_its_reason(
+def test_a_missing_truth_is_reported_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, last = judged("sys.exit('a cell would invert')", tmp_path, monkeypatch)
@@ -78,7 +78,7 @@ def test_a_truth_that_there_is_none_of_is_said_with_its_reason(
     )
 
 
-def test_both_answers_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_verdicts_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, last = judged("say(case, TRUTH, panes, np.array([0, 1]))", tmp_path, monkeypatch)
     assert (first["against"], first["more"]) == ("same mesh", True)
     assert (last["against"], last["more"]) == ("truth", False)

@@ -76,7 +76,7 @@ def at(u: float) -> list[np.ndarray]:
     return [np.array([[u, 0.0, 0.0], [0.0, 0.5 * u, 0.0]])]
 
 
-def test_a_decay_is_waited_for_and_the_rest_of_its_way_is_told() -> None:
+def test_a_decay_is_waited_for_and_the_rest_of_its_motion_is_stated() -> None:
     """From 1 to 2 as 2 - exp(-rate t), of which exp(-rate t) is left."""
     settling, rate, ticks = Settling(TICK), 6.0, 0
     while not settling.is_over:

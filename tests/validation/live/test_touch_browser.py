@@ -98,7 +98,7 @@ def dragged_from_a_body(browser: Any, right: int) -> None:
     hand.click_and_hold().move_by_offset(right, 0).release().perform()
 
 
-def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -> None:
+def test_the_tool_pushes_bodies_that_push_back(browser: Any, page: PageServer) -> None:
     from selenium.webdriver.common.keys import Keys
 
     whole = picture(browser)

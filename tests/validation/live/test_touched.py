@@ -34,7 +34,7 @@ def pressed(client: Client, depth: float, seconds: float = 1.0) -> dict[str, obj
     return client.until_time(client.frames[-1]["time"] + seconds if client.frames else seconds)
 
 
-def test_the_force_on_the_hand_is_that_of_statics(serving) -> None:
+def test_the_force_on_the_tool_is_that_of_statics(serving) -> None:
     touch = Touch(PLATE, mass_damping=100.0)
     with serving("block", touch) as server, connected(server.address) as client:
         gap = client.scene["tool"]["start"][0] - 40.0 - 9.0
@@ -58,7 +58,7 @@ def test_the_force_on_the_hand_is_that_of_statics(serving) -> None:
         assert heads[-1]["panes"][1]["volume"] < 0.0
 
 
-def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving) -> None:
+def test_the_pull_of_a_grip_is_that_of_statics(serving) -> None:
     with (
         serving("block", Touch(mass_damping=100.0)) as server,
         connected(server.address) as client,
@@ -189,7 +189,7 @@ def test_what_was_recorded_repeats_the_motion_bit_for_bit(
 
 
 @pytest.mark.dolfinx
-def test_what_was_recorded_passes_its_gate_and_a_spoiled_answer_does_not(
+def test_what_was_recorded_passes_its_gate_and_a_fault_does_not(
     recorded: tuple[Simulation, Path],
 ) -> None:
     case = load_case(recorded[1])

@@ -276,7 +276,7 @@ def test_rows_of_delaunay_have_every_column_and_as_many_cells_as_scipy() -> None
 BALL = shape_sphere(edge_length=0.4)
 
 
-def test_a_boundary_is_kept_whatever_the_numbering_and_not_if_moved_by_one_rounding() -> None:
+def test_a_boundary_is_the_same_whatever_the_numbering_and_not_if_moved_by_one_rounding() -> None:
     filled = mesh_surface(BALL)
     turn = np.random.default_rng(0).permutation(filled.num_points)
     points = np.empty_like(filled.points)

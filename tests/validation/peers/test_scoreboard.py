@@ -262,12 +262,12 @@ def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, mo
         (Status.FAILED, 'it ended with 1, its last line: "not at rest"', "not at rest"),
     ],
 )
-def test_why_there_is_no_distance_is_said_in_short(status, why, short) -> None:
+def test_the_reason_for_no_distance_is_short(status, why, short) -> None:
     run = Run("who", "what", status, why)
     assert reason(Score(run, Law.NEO_HOOKEAN, why=why)) == short
 
 
-def test_every_entry_says_how_it_is_set_up_and_by_whose_advice() -> None:
+def test_every_entry_states_its_settings_and_their_sources() -> None:
     everybody = [entry for entry in peers_on_board() if entry.is_outside]
     assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 6
     for entry in everybody:

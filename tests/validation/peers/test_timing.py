@@ -69,12 +69,12 @@ def test_a_rival_that_fails_while_timed_leaves_and_is_named(adapter):
 @pytest.mark.parametrize(
     ("code", "says"),
     [
-        ("os.abort()", "the process ended without a word"),
+        ("os.abort()", "the process ended without output"),
         ("raise SystemExit('no licence')", "no licence"),
         ("__import__('time').sleep(60)", "not done within 3 s"),
     ],
 )
-def test_a_rival_that_crashes_or_hangs_is_told_not_timed(adapter, code, says):
+def test_a_rival_that_crashes_or_hangs_is_reported_and_not_timed(adapter, code, says):
     rival = adapter(f"    def advance(self, num_steps):\n        {code}\n")
     lines = []
     with timed((rival,), "Task", {}, Schedule(turns=1, time_limit=3.0), lines.append) as found:
