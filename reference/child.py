@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -37,7 +37,7 @@ from palpate.reference.errors import (
 )
 from palpate.reference.ranks import num_ranks, solve_on_ranks
 from palpate.reference.result import load_result, save_result
-from palpate.reference.tasks import Answer, Task, load_task
+from palpate.reference.tasks import Answer, Progress, Task, load_task, say_nothing
 
 EXIT_INPUT = 2
 EXIT_FAILED = 3
@@ -52,8 +52,6 @@ _STREAMS: dict[str, Any] = {
     "text": True,
     "errors": "replace",
 }
-
-Say = Callable[[str], None]
 
 
 def child_environment() -> dict[str, str]:
@@ -70,7 +68,9 @@ def child_environment() -> dict[str, str]:
     return environment
 
 
-def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -> tuple[int, str]:
+def run_child(
+    command: Sequence[str], time_limit: float, progress: Progress | None
+) -> tuple[int, str]:
     """Run a command; it and the processes that it starts end at the latest with this process.
 
     Args:
@@ -87,7 +87,7 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
-    tell = progress or _say_nothing
+    tell = progress or say_nothing
     errors: deque[str] = deque(maxlen=_STDERR_LINES)
     lines: deque[str] = deque()
     readers: list[threading.Thread] = []
@@ -121,7 +121,7 @@ def _join(readers: list[threading.Thread]) -> None:
         reader.join(timeout=5.0)
 
 
-def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
+def _pass_on(lines: deque[str], progress: Progress) -> None:
     while lines:
         line = lines.popleft()
         if line.startswith(_PROGRESS):
@@ -137,7 +137,7 @@ def run_task(
     problem: Problem,
     *,
     time_limit: float = 3600.0,
-    progress: Say | None = None,
+    progress: Progress | None = None,
 ) -> Answer:
     """Do a task in a child process; under mpirun on all its ranks, in this process.
 
@@ -162,7 +162,7 @@ def run_task(
     require_available()
     if num_ranks() > 1 and not task.needs_one_rank:
         answered: Answer = solve_on_ranks(
-            task, problem, time_limit=time_limit, progress=progress or _say_nothing
+            task, problem, time_limit=time_limit, progress=progress or say_nothing
         )
         return answered
     with scratch_folder("reference") as folder:
@@ -238,10 +238,6 @@ def main(arguments: Sequence[str]) -> int:
     except (ReferenceUnavailableError, ImportError) as error:
         return end(EXIT_UNAVAILABLE, error, "FEniCSx cannot be imported: ")
     return 0
-
-
-def _say_nothing(_line: str) -> None:
-    pass
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from __future__ import annotations
 import functools
 import math
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from palpate.reference.linear_solver import (
 from palpate.reference.motion import Amplitudes, Field, MovingBody, StepLostError
 from palpate.reference.result import ImplicitResult
 from palpate.reference.schemes import AlphaMethod, State, Stencil, stated_steps, stencil_of
+from palpate.reference.tasks import Progress, say_nothing
 
 # Maximum number of times that a step that does not converge is halved.
 _MAX_HALVINGS = 6
@@ -58,7 +58,7 @@ def simulate_implicit(
     spectral_radius: float = 0.8,
     is_mass_lumped: bool = False,
     relative_tolerance: float = 1e-9,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> ImplicitResult:
     """Step a problem through its time span.
 
@@ -109,7 +109,7 @@ def simulate_implicit(
     )
     motion.prepare(method, relative_tolerance)
     body = motion.body
-    tell = progress or (lambda _line: None)
+    tell = progress or say_nothing
     tell(f"{3 * body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
     state = motion.begin(displacement, velocity)
     motion.tools.require_outside(state.u)
@@ -124,20 +124,14 @@ def simulate_implicit(
         smallest_det_f = min(smallest_det_f, motion.sampler.smallest(state.u))
         tell(f"t = {output * per_output * dt:.4g} s of {span.end_time:g} s")
     return ImplicitResult(
-        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
-        displacements=np.array([body.at_points(s.u) for s in states]),
-        velocities=np.array([body.at_points(s.v) for s in states]),
-        kinetic_energies=np.array([motion.kinetic_energy(s.v) for s in states]),
-        strain_energies=np.array([body.strain_energy(s.u) for s in states]),
+        **motion.at_outputs(states, span),
         external_works=np.array([s.external_work for s in states]),
         damping_works=np.array([s.damping_work for s in states]),
         smallest_det_f=smallest_det_f,
-        strain=body.strain,
         degree=degree,
         time_step=dt,
         newton_iterations=motion.iterations,
         tool_forces=np.array(felt).swapaxes(0, 1),
-        versions=fenicsx.versions(),
     )
 
 

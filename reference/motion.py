@@ -23,7 +23,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import ElasticBody
@@ -31,7 +31,7 @@ from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
 from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.mesh_transfer import create_space, transfer
-from palpate.reference.schemes import Stencil
+from palpate.reference.schemes import State, Stencil
 from palpate.reference.smoothed import Smoothing
 from palpate.reference.supports import fixed_dofs
 
@@ -211,6 +211,19 @@ class MovingBody:
     def kinetic_energy(self, velocity: Floats) -> float:
         """Half of v . M v [J]."""
         return 0.5 * float(fenicsx.total(float(velocity @ self.inertia(velocity))))
+
+    def at_outputs(self, states: Sequence[State], span: TimeSpan) -> dict[str, Any]:
+        """Fields of a `Trajectory` that follow from the states at the outputs."""
+        body = self.body
+        return {
+            "times": span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+            "displacements": np.array([body.at_points(s.u) for s in states]),
+            "velocities": np.array([body.at_points(s.v) for s in states]),
+            "kinetic_energies": np.array([self.kinetic_energy(s.v) for s in states]),
+            "strain_energies": np.array([body.strain_energy(s.u) for s in states]),
+            "strain": body.strain,
+            "versions": fenicsx.versions(),
+        }
 
     def balance(self, stencil: Stencil, u: Floats, time: float) -> Balance:
         """The forces in a step that begins at a time, with a displacement at its end."""

@@ -32,6 +32,7 @@ from palpate.reference.errors import (
     ReferenceFailedError,
     ReferenceUnavailableError,
 )
+from palpate.reference.tasks import Progress, say_nothing
 
 # Environment variables in which Open MPI and MPICH pass a process its rank and their number.
 _VARIABLES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
@@ -43,9 +44,8 @@ _GRACE = 20.0
 # Wait before all ranks are ended, so that mpirun can pass on their last lines [s].
 _TO_BE_HEARD = 0.5
 
-Say: TypeAlias = Callable[[str], None]
 # The function that runs on every rank, with a problem and a function to report progress.
-Task: TypeAlias = Callable[[Problem, Say], Any]
+Task: TypeAlias = Callable[[Problem, Progress], Any]
 
 # Whether the other ranks work on a task that rank 0 has not completed.
 _is_under_way = False
@@ -68,7 +68,7 @@ def is_follower() -> bool:
     return _size_and_rank()[1] > 0
 
 
-def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Say) -> Any:
+def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Progress) -> Any:
     """Do a task on all ranks; called on rank 0, returns the result of rank 0.
 
     Args:
@@ -124,7 +124,7 @@ def follow() -> int:
             received = comm.recv(source=0, tag=_TAG)
             if received is None:
                 return 0
-            _together(comm, functools.partial(_do_part, *received), _say_nothing)
+            _together(comm, functools.partial(_do_part, *received), say_nothing)
     except BaseException as error:
         _end_all(comm, 4, f"rank {comm.rank}: {type(error).__name__}: {error}")
         raise
@@ -169,7 +169,7 @@ def _communicator() -> Any:
     return COMM.Dup()
 
 
-def _do_part(task: Task, sent: bytes, say: Say) -> Any:
+def _do_part(task: Task, sent: bytes, say: Progress) -> Any:
     with scratch_folder("ranks") as folder:
         given = folder / "problem.npz"
         given.write_bytes(sent)
@@ -177,7 +177,9 @@ def _do_part(task: Task, sent: bytes, say: Say) -> Any:
     return task(problem, say)
 
 
-def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any, Exception | None]:
+def _together(
+    comm: Any, part: Callable[[Progress], Any], progress: Progress
+) -> tuple[Any, Exception | None]:
     """Do this rank's part; return its result, or its error, or on rank 0 that of another rank."""
     from palpate.reference.fenicsx import MPI, comes
 
@@ -222,7 +224,3 @@ def _abort(comm: Any, code: int) -> None:
     sys.stdout.flush()
     time.sleep(_TO_BE_HEARD)
     comm.Abort(code)
-
-
-def _say_nothing(_line: str) -> None:
-    pass

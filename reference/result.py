@@ -242,9 +242,9 @@ class Audit:
         return self.support_gap / size if size else math.inf
 
 
-@dataclass(frozen=True, eq=False)
-class ImplicitResult:
-    """A trajectory by the generalised-alpha method.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory:
+    """A motion at the outputs.
 
     Attributes:
         times: [s], shape (num_outputs + 1,), from 0.
@@ -253,14 +253,10 @@ class ImplicitResult:
         velocities: [m/s], the same shape.
         kinetic_energies: [J], shape (num_outputs + 1,).
         strain_energies: [J], the same shape.
-        external_works: Work of loads, moving supports and tools since the start [J], same shape.
-        damping_works: Energy dissipated by damping since the start [J], the same shape.
-        smallest_det_f: Over the outputs [-]; see ReferenceResult.
         strain: Strain measure of the model.
-        degree: Polynomial degree of the displacement.
         time_step: [s].
         newton_iterations: Linear solves in all.
-        versions: Of Python and the parts of FEniCSx.
+        versions: Versions of Python and the parts of FEniCSx.
         tool_forces: On each tool, mean since the output before [N], shape
             (num_tools, num_outputs + 1, 3); the first is zero.
     """
@@ -270,15 +266,29 @@ class ImplicitResult:
     velocities: Floats
     kinetic_energies: Values
     strain_energies: Values
-    external_works: Values
-    damping_works: Values
-    smallest_det_f: float
     strain: Strain
-    degree: int
     time_step: float
     newton_iterations: int
     versions: dict[str, str] = field(default_factory=dict)
     tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImplicitResult(Trajectory):
+    """A trajectory by the generalised-alpha method; for the other attributes see `Trajectory`.
+
+    Attributes:
+        external_works: Work of loads, moving supports and tools since the start [J],
+            shape (num_outputs + 1,).
+        damping_works: Energy dissipated by damping since the start [J], the same shape.
+        smallest_det_f: Over the outputs [-]; see ReferenceResult.
+        degree: Polynomial degree of the displacement.
+    """
+
+    external_works: Values
+    damping_works: Values
+    smallest_det_f: float
+    degree: int
 
     @property
     def energy_errors(self) -> Values:
@@ -291,43 +301,24 @@ class ImplicitResult:
         return errors
 
 
-@dataclass(frozen=True, eq=False)
-class SteppedResult:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SteppedResult(Trajectory):
     """A trajectory of tetrahedra of degree 1 with lumped mass, every step solved.
 
+    Velocities are as defined by the scheme; for central differences the mean over the last step.
+    For the other attributes see `Trajectory`.
+
     Attributes:
-        times: [s], shape (num_outputs + 1,), from 0.
-        displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
-        velocities: [m/s], the same shape, as defined by the scheme; for central differences the
-            mean over the last step.
-        kinetic_energies: [J], shape (num_outputs + 1,).
-        strain_energies: [J], the same shape.
         integrator: The scheme.
-        time_step: [s].
         num_steps: Number of time steps.
-        newton_iterations: Linear solves in all.
         largest_residual: Of any step, relative as in `simulate_by` [-]; 0 for explicit schemes.
-        strain: Strain measure.
         element: Kind of the tetrahedra.
-        versions: Versions of Python and the parts of FEniCSx.
-        tool_forces: On each tool, mean since the output before [N], shape
-            (num_tools, num_outputs + 1, 3); the first is zero.
     """
 
-    times: Floats
-    displacements: Floats
-    velocities: Floats
-    kinetic_energies: Floats
-    strain_energies: Floats
     integrator: Integrator
-    time_step: float
     num_steps: int
-    newton_iterations: int
     largest_residual: float
-    strain: Strain
     element: Element
-    versions: dict[str, str] = field(default_factory=dict)
-    tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 def save_result(path: str | Path, result: Any) -> None:

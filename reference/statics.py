@@ -28,8 +28,7 @@ from palpate.reference.load_stepping import follow_load
 from palpate.reference.mixed_form import MixedProblem
 from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import Formulation, ReferenceResult
-
-Progress = Callable[[str], None]
+from palpate.reference.tasks import Progress, say_nothing
 
 
 def solve_static(
@@ -199,7 +198,7 @@ def find_equilibrium(
         raise InputError(f"relative_tolerance = {relative_tolerance:g}: needs 1e-14 to 1e-2")
     require_supported(problem)
     require_drive_of_statics(problem.tools)
-    tell: Progress = progress or _say_nothing
+    tell = progress or say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
     formulation, element = Formulation(formulation), Element(element)
     kind = MixedProblem if formulation is Formulation.MIXED else DiscreteProblem
@@ -281,7 +280,3 @@ def _follow(
     if run.reason:
         return dataclasses.replace(run, reason=f"on the way of the tools: {run.reason}")
     return run
-
-
-def _say_nothing(_line: str) -> None:
-    pass

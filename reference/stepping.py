@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,6 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.reference import fenicsx
-from palpate.reference.availability import versions
 from palpate.reference.contact.explicit_tools import SteppedTools
 from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
 from palpate.reference.fenicsx import PETSc, ufl
@@ -44,6 +42,7 @@ from palpate.reference.schemes import (
     stated_steps,
     stencil_of,
 )
+from palpate.reference.tasks import Progress, say_nothing
 
 _MAX_ITERATIONS = 60
 # Maximum number of times that a Newton step is halved, while a cell would invert or the residual
@@ -67,7 +66,7 @@ def simulate_by(
     amplitude: Amplitudes = None,
     support_amplitude: Amplitudes = None,
     relative_tolerance: float = 1e-10,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> SteppedResult:
     """Step a problem through its time span by a scheme.
 
@@ -119,7 +118,7 @@ def simulate_by(
         is_viscous_by_change=is_central,
     )
     run.tolerance = relative_tolerance
-    tell = progress or (lambda _line: None)
+    tell = progress or say_nothing
     body = run.body
     state = run.begin(displacement, velocity, integrator, dt)
     tools: SteppedTools | None = None
@@ -150,19 +149,13 @@ def simulate_by(
                 felt.append(tools.mean_forces())
             tell(f"t = {time + dt:.4g} s of {span.end_time:g} s")
     return SteppedResult(
-        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
-        displacements=np.array([body.at_points(s.u) for s in states]),
-        velocities=np.array([body.at_points(s.v) for s in states]),
-        kinetic_energies=np.array([run.kinetic_energy(s.v) for s in states]),
-        strain_energies=np.array([body.strain_energy(s.u) for s in states]),
+        **run.at_outputs(states, span),
         integrator=integrator,
         time_step=dt,
         num_steps=per_output * span.num_outputs,
         newton_iterations=run.iterations,
         largest_residual=run.largest_residual,
-        strain=body.strain,
         element=body.element,
-        versions=versions(),
         tool_forces=np.array(felt).swapaxes(0, 1) if felt else np.zeros((0, len(states), 3)),
     )
 

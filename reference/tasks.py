@@ -32,6 +32,10 @@ Progress: TypeAlias = Callable[[str], None]
 Answer = TypeVar("Answer")
 
 
+def say_nothing(_line: str) -> None:
+    """A function to report progress that drops it."""
+
+
 class Task(Generic[Answer]):
     """A function to be called with a problem; its options are the fields of the task.
 

@@ -8,6 +8,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,69 +41,79 @@ from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.result import LOST, AdaptiveResult, Formulation, ReferenceResult
 from palpate.reference.statics import Equilibrium, find_equilibrium
+from palpate.reference.tasks import Progress, say_nothing
 
 
 class History:
-    """Sizes, estimates and error bars of each mesh."""
+    """Sizes, estimates and error bars of each mesh.
+
+    Attributes:
+        meshes: For each mesh the fields of `AdaptiveResult` that have a row for it.
+    """
 
     def __init__(self, goals: Sequence[Goal]) -> None:
         self._goals = tuple(goals)
+        self._names = tuple(goal.called for goal in goals)
         self._last: ReferenceResult | None = None
-        self.cells: list[int] = []
-        self.unknowns: list[int] = []
-        self.seconds: list[float] = []
-        self.estimates: list[list[float]] = []
-        self.differences: list[list[float]] = []
-        self.bars: list[list[float]] = []
+        self.meshes: list[dict[str, Any]] = []
 
     def add(
         self,
         problem: Problem,
-        current: Problem,
-        discrete: DiscreteProblem,
+        found: Equilibrium,
         state: ReferenceResult,
         errors: dict[Goal, Floats],
+        began: float,
     ) -> None:
-        """Store a mesh's estimates, its differences from the mesh before, and its bars."""
-        self.cells.append(current.mesh.num_cells)
-        self.unknowns.append(int(fenicsx.total(discrete.num_dofs)))
-        self.estimates.append([float(errors[goal].sum()) for goal in self._goals])
-        self.differences.append(
-            [
-                math.inf
-                if self._last is None
-                else difference(goal, problem.mesh, state, self._last)
+        """Store a mesh's estimates, its differences from the mesh before, and its bars.
+
+        Args:
+            problem: The problem on the case's mesh.
+            found: The equilibrium on the mesh.
+            state: Its result on the case's mesh.
+            errors: Error of each goal by cells.
+            began: Time at which the solve on this mesh began [s].
+        """
+        mesh: dict[str, Any] = {
+            "num_cells": found.problem.mesh.num_cells,
+            "num_unknowns": int(fenicsx.total(found.discrete.num_dofs)),
+            "estimates": [float(errors[goal].sum()) for goal in self._goals],
+            "differences": [
+                difference(goal, problem.mesh, state, self._last) if self._last else math.inf
                 for goal in self._goals
-            ]
-        )
-        series = zip(*self.differences[1:], strict=True) if len(self.cells) > 1 else ()
-        rows = list(series) or [()] * len(self._goals)
-        is_singular = has_point_forces(problem, state)
-        names = [goal.called for goal in self._goals]
-        reported = zip(names, rows, zip(*self.estimates, strict=True), strict=True)
-        bars = error_bars({name: (row, estimates) for name, row, estimates in reported})
-        self.bars.append(
-            [
-                bars[goal.called]
-                if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
-                else math.inf
-                for goal in self._goals
-            ]
-        )
+            ],
+        }
+        self.meshes.append(mesh)
         self._last = state
+        is_singular = has_point_forces(problem, state)
+        # The first mesh has no difference.
+        series = {
+            name: (
+                [of["differences"][k] for of in self.meshes[1:]],
+                [of["estimates"][k] for of in self.meshes],
+            )
+            for k, name in enumerate(self._names)
+        }
+        bars = error_bars(series)
+        mesh["bars"] = [
+            bars[goal.called]
+            if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+            else math.inf
+            for goal in self._goals
+        ]
+        mesh["seconds"] = time.perf_counter() - began
 
     def lose_limit(self) -> None:
         """Set all bars to infinity, because a finer mesh has no equilibrium."""
-        self.bars[-1] = [math.inf] * len(self._goals)
+        self.meshes[-1]["bars"] = [math.inf] * len(self._goals)
 
     def needs(self) -> list[float]:
         """Ratio of each goal's bar to its tolerance.
 
         A goal without a finite bar has the larger of its estimate and its difference instead.
         """
-        rows = zip(
-            self._goals, self.bars[-1], self.estimates[-1], self.differences[-1], strict=True
-        )
+        keys = ("bars", "estimates", "differences")
+        rows = zip(self._goals, *(self.meshes[-1][key] for key in keys), strict=True)
         needs = [
             (bar if math.isfinite(bar) else max(e, d) if math.isfinite(d) else e) / goal.tolerance
             for goal, bar, e, d in rows
@@ -111,40 +122,28 @@ class History:
 
     def met(self) -> str:
         """A message if every bar is small enough, else an empty text."""
-        pairs = zip(self.bars[-1], self._goals, strict=True)
+        pairs = zip(self.meshes[-1]["bars"], self._goals, strict=True)
         return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
 
     def line(self) -> str:
         """A line of progress for the last mesh."""
-        said = ", ".join(
-            f"{goal.called} {bar:.2g}" for goal, bar in zip(self._goals, self.bars[-1], strict=True)
-        )
+        mesh = self.meshes[-1]
+        bars = zip(self._names, mesh["bars"], strict=True)
         return (
-            f"mesh {len(self.cells)}: {self.cells[-1]} cells, {self.unknowns[-1]} unknowns, "
-            f"{self.seconds[-1]:.1f} s; bars: {said}"
+            f"mesh {len(self.meshes)}: {mesh['num_cells']} cells, {mesh['num_unknowns']} unknowns, "
+            f"{mesh['seconds']:.1f} s; bars: {', '.join(f'{name} {bar:.2g}' for name, bar in bars)}"
         )
 
     def result(
         self, state: ReferenceResult, end: str, first: ReferenceResult | None
     ) -> AdaptiveResult:
-        """The last state with the history of meshes.
-
-        Args:
-            state: The last state.
-            end: Why no finer mesh followed.
-            first: See `AdaptiveResult`.
-        """
+        """The last state with the history of meshes, why it ended, and the first state."""
         fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
         return AdaptiveResult(
             **fields,
-            quantities=tuple(goal.called for goal in self._goals),
+            **{key: np.array([mesh[key] for mesh in self.meshes]) for key in self.meshes[0]},
+            quantities=self._names,
             tolerances=tuple(goal.tolerance for goal in self._goals),
-            num_cells=np.array(self.cells),
-            num_unknowns=np.array(self.unknowns),
-            seconds=np.array(self.seconds),
-            estimates=np.array(self.estimates),
-            differences=np.array(self.differences),
-            bars=np.array(self.bars),
             ended=end,
             first=first,
         )
@@ -162,8 +161,6 @@ SOFTENED = (0.35, 0.6, 0.8)
 LARGEST_DIRECT = 600_000
 # A mesh of c times the cells takes at most about c^1.3 times as long.
 _GROWTH_OF_TIME = 1.3
-
-Progress = Callable[[str], None]
 
 
 def solve_adaptively(
@@ -223,7 +220,7 @@ def solve_adaptively(
     if not problem.tools and any(goal.quantity is Quantity.TOOL_FORCE for goal in goals):
         raise InputError("tool_force: the problem has no tool; leave this goal out")
     allowed = budget or Budget()
-    tell: Progress = progress or (lambda _line: None)
+    tell = progress or say_nothing
     begin, base = time.perf_counter(), _memory()
     case_cell = np.arange(problem.mesh.num_cells)
     current = problem
@@ -268,8 +265,7 @@ def solve_adaptively(
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
         if first is None and current is problem:
             first = state
-        history.add(problem, current, found.discrete, state, errors)
-        history.seconds.append(time.perf_counter() - began)
+        history.add(problem, found, state, errors, began)
         tell(history.line())
         end = history.met()
         if not end:
@@ -397,9 +393,10 @@ def _too_much(
     history: History, refined: LocallyRefined, budget: Budget, spent: float, base: float
 ) -> str:
     """Why the next mesh is not begun, or an empty text. `base`: memory before the first [GB]."""
-    growth = refined.problem.mesh.num_cells / history.cells[-1]
+    last = history.meshes[-1]
+    growth = refined.problem.mesh.num_cells / last["num_cells"]
     # The time on the first mesh may include that of the compiler.
-    rate = history.seconds[-1] if len(history.seconds) > 1 else 0.0
+    rate = last["seconds"] if len(history.meshes) > 1 else 0.0
     seconds = spent + rate * growth**_GROWTH_OF_TIME
     memory = fenicsx.largest(base + (_memory() - base) * growth)
     # Every rank must decide the same.
@@ -407,7 +404,7 @@ def _too_much(
         return f"the next mesh would take until {seconds:.0f} s; the budget is {budget.seconds:g} s"
     if memory > budget.memory:
         return f"the next mesh would need {memory:.1f} GB; the budget is {budget.memory:g} GB"
-    unknowns = history.unknowns[-1] * growth
+    unknowns = last["num_unknowns"] * growth
     if unknowns > budget.unknowns:
         return (
             f"the next mesh would have {unknowns:.0f} unknowns; the budget is {budget.unknowns:g}"

@@ -22,7 +22,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import find_contact_points
+from palpate.reference.contact.tool_contact import find_contact_points, require_outside
 from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -53,13 +53,9 @@ class SteppedTools:
 
     def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
-        for number, tool in enumerate(self._tools, start=1):
-            depth = -fenicsx.smallest(float(tool.gaps(displacement, 0.0).min(initial=0.0)))
-            if depth > 0.0:
-                raise InputError(
-                    f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
-                    "outside"
-                )
+        gaps = [tool.gaps(displacement, 0.0).min(initial=0.0) for tool in self._tools]
+        require_outside([fenicsx.smallest(float(gap)) for gap in gaps])
+        for tool in self._tools:
             tool.see(displacement, 0.0)
 
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:

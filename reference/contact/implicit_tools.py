@@ -31,10 +31,14 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import ToolContact, TouchingNodes, create_contacts
+from palpate.reference.contact.tool_contact import (
+    ToolContact,
+    TouchingNodes,
+    create_contacts,
+    require_outside,
+)
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.schemes import AlphaMethod, State, stencil_of
 
@@ -186,14 +190,10 @@ class ImplicitTools:
 
     def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
-        for number, contact in enumerate(self._contacts, start=1):
+        for contact in self._contacts:
             contact.set_time(0.0)
-            depth = contact.state(displacement).penetration
-            if depth > 0.0:
-                raise InputError(
-                    f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
-                    "outside"
-                )
+        require_outside([-contact.state(displacement).penetration for contact in self._contacts])
+        for contact in self._contacts:
             contact.keep(displacement)
 
     def begin_step(self, time: float, dt: float, method: AlphaMethod, mass_factor: float) -> None:

@@ -32,6 +32,7 @@ frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Eng
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +41,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
@@ -524,6 +526,15 @@ class ToolContact:
             active_area=fenicsx.total(float(self.points.areas[tractions > 0.0].sum())),
             penetration=max(0.0, fenicsx.largest(float(-distance.gap.min(initial=0.0)))),
         )
+
+
+def require_outside(gaps: Sequence[float]) -> None:
+    """Raise InputError where a tool is in the body at the start; the least gap of each [m]."""
+    for number, gap in enumerate(gaps, start=1):
+        if gap < 0.0:
+            raise InputError(
+                f"tool {number} is {-gap:g} m deep in the body at the start; begin its path outside"
+            )
 
 
 def create_contacts(
