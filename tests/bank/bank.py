@@ -6,11 +6,27 @@ import itertools
 
 import numpy as np
 
-from palpate.meshes.boundary_conditions import Support
-from palpate.meshes.problem import Material, Problem
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.problem import Element, Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.reference.result import Formulation
 
 FACES = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1), "z0": (2, 0), "z1": (2, 1)}
+
+
+# Options of the reference's solvers for each kind of tetrahedra that it has.
+KINDS = {
+    "linear": {},
+    "smoothed": {"element": Element.SMOOTHED},
+    "quadratic": {"degree": 2},
+    "mixed": {"degree": 2, "formulation": Formulation.MIXED},
+}
 
 
 def make_box(counts=(2, 2, 2), size=(1.0, 1.0, 1.0), jitter=0.0) -> TetMesh:
@@ -65,6 +81,41 @@ def rollers(mesh):
 def confined(mesh):
     """A bar that can only lengthen, from x = 0."""
     return along_normals(mesh, ("x0", "y0", "y1", "z0", "z1"))
+
+
+def beyond(mesh, x) -> np.ndarray:
+    """Cells whose centres are beyond a position along the first axis."""
+    return np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > x).astype(np.int32)
+
+
+def loaded_bar(counts=(4, 2, 2), *, inclusion=None, loads=()) -> Problem:
+    """A ragged bar of 0.4 m, clamped at one end, under loads of all kinds, those given last."""
+    mesh = make_box(counts, (0.4, 0.1, 0.1), jitter=0.2)
+    of_all = (
+        BodyForce((0.0, 200.0, -600.0)),
+        Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+        PointForce(np.array([mesh.num_points - 1], np.int32), np.array([[0.0, 0.3, 0.0]])),
+    )
+    inclusions = () if inclusion is None else (Inclusion(beyond(mesh, 0.2), inclusion),)
+    of_all += tuple(load(mesh) for load in loads)
+    clamp = (support(mesh),)
+    return Problem(mesh, Material(2e4, 0.4), clamp, of_all, inclusions=inclusions)
+
+
+def pressure(mesh):
+    """On the upper side."""
+    return Pressure(mesh.facet_groups["z1"], 80.0)
+
+
+def lumped_mass(problem) -> np.ndarray:
+    """A quarter of each cell's mass to its corners [kg], (num_points,)."""
+    mesh = problem.mesh
+    density = np.full(mesh.num_cells, problem.material.density)
+    for inclusion in problem.inclusions:
+        density[inclusion.cells] = inclusion.material.density
+    mass = np.zeros(mesh.num_points)
+    np.add.at(mass, mesh.cells, (density * signed_volumes(mesh.points, mesh.cells) / 4)[:, None])
+    return mass
 
 
 # Of P waves in it: sqrt((lmbda + 2 mu) / rho) with E = 1, nu = 0.3, rho = 1.

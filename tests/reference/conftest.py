@@ -8,7 +8,9 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from bank import make_box
 
@@ -52,5 +54,23 @@ def mpirun() -> Callable[..., subprocess.CompletedProcess[str]]:
             timeout=300,
             check=False,
         )
+
+    return run
+
+
+@pytest.fixture
+def on_one_and_two(mpirun, tmp_path) -> Callable[..., list[dict[str, Any]]]:
+    """Arrays that a program stores in its last argument, on one rank and on two."""
+
+    def run(program: str, *arguments: str) -> list[dict[str, Any]]:
+        found = []
+        for n in (1, 2):
+            path = tmp_path / f"{n}.npz"
+            done = mpirun(n, "-c", program, *arguments, str(path))
+            assert done.returncode == 0, done.stderr
+            with np.load(path) as stored:
+                found.append(dict(stored))
+            assert found[-1].pop("size") == n
+        return found
 
     return run

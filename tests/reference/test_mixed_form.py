@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bank import rollers, support
+from bank import beyond, rollers, support
 
 from palpate.meshes.boundary_conditions import Pressure, Support, Traction
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.availability import is_available
-from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.result import Formulation, formulation_for, load_result, save_result
-from palpate.reference.tasks import StaticTask
+from palpate.reference.result import Formulation, formulation_for
 
 if is_available():
     from palpate.reference.statics import solve_static
@@ -21,24 +18,6 @@ if is_available():
 pytestmark = pytest.mark.dolfinx
 
 MIXED = Formulation.MIXED
-
-
-@pytest.mark.parametrize("poissons_ratio", [0.3, 0.49, 0.4999])
-def test_free_uniaxial_stretch_is_the_closed_form(box, poissons_ratio):
-    mesh = box(jitter=0.2)
-    E, stretch = 3000.0, 1.2
-    side = np.sqrt(1 - poissons_ratio * (stretch**2 - 1))
-    load = Traction(mesh.facet_groups["x1"], (E * stretch * (stretch**2 - 1) / 2, 0.0, 0.0))
-    problem = Problem(mesh, Material(E, poissons_ratio), rollers(mesh), (load,))
-    result = solve_static(problem, degree=2, formulation=MIXED)
-    exact = mesh.points * (np.array([stretch, side, side]) - 1)
-    np.testing.assert_allclose(result.displacement, exact, rtol=0.0, atol=1e-9)
-    strains = (np.array([stretch, side, side]) ** 2 - 1) / 2
-    mu = E / (2 * (1 + poissons_ratio))
-    lmbda = 2 * mu * poissons_ratio / (1 - 2 * poissons_ratio)
-    psi = lmbda / 2 * strains.sum() ** 2 + mu * (strains**2).sum()
-    assert result.strain_energy == pytest.approx(psi, rel=1e-7)
-    assert result.formulation is MIXED
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -131,52 +110,24 @@ def test_both_strains(box, strain):
     assert mixed == pytest.approx(small, rel=0.01)
 
 
-def test_equilibrium_ends_where_theory_says(box):
-    # Dead P/E = -0.25; the peak is 0.1924501: saddle points have their own sign of stability.
-    mesh = box((1, 1, 1))
-    load = Traction(mesh.facet_groups["x1"], (-250.0, 0.0, 0.0))
-    problem = Problem(mesh, Material(1000.0, 0.3), rollers(mesh), (load,))
-    with pytest.raises(ReferenceNotConvergedError) as caught:
-        solve_static(problem, degree=2, formulation=MIXED)
-    assert 0.6 < caught.value.load_factor <= 0.1924501 / 0.25
-    assert caught.value.smallest_det_f > 0.0
-
-
-@pytest.mark.parametrize(
-    ("strain", "ratio"), [(Strain.LINEAR, 1.0), (Strain.GREEN, 1.0), (Strain.LINEAR, 2.0)]
-)
-def test_a_plane_presses_a_block_into_a_homogeneous_state(box, strain, ratio):
-    """Two materials side by side stretch alike, and share the force.
-
-    Exact where the pressure is even; it is continuous, so that a jump of it is spread over cells.
-    """
+def test_a_plane_presses_two_materials_side_by_side(box):
+    """They stretch alike and share the force; the pressure is continuous, its jump spread out."""
     mesh, stretch, nu, E = box((4, 3, 3)), 0.9, 0.4999, 1e4
-    half = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5).astype(np.int32)
     down = np.array([[1.0, 1.0, 1.1], [1.0, 1.0, stretch]])
     path = ToolPath(np.arange(2.0), down, np.tile([0.0, 1.0, 0.0, 0.0], (2, 1)))
-    problem = Problem(
-        mesh,
-        Material(E, nu),
-        rollers(mesh),
-        (),
-        inclusions=(Inclusion(half, Material(ratio * E, nu)),),
-        tools=(RigidTool(PlaneShape(), path),),
-    )
+    stiff = (Inclusion(beyond(mesh, 0.5), Material(2.0 * E, nu)),)
+    tools = (RigidTool(PlaneShape(), path),)
+    problem = Problem(mesh, Material(E, nu), rollers(mesh), (), inclusions=stiff, tools=tools)
     assert formulation_for(problem, 2) is MIXED
-    result = solve_static(problem, degree=2, strain=strain, formulation=MIXED)
-    if strain is Strain.GREEN:  # P / E = l (l^2 - 1) / 2, lateral sqrt(1 - nu (l^2 - 1))
-        lateral, stress = np.sqrt(1 - nu * (stretch**2 - 1)), stretch * (stretch**2 - 1) / 2
-    else:
-        lateral, stress = 1 - nu * (stretch - 1), stretch - 1
+    result = solve_static(problem, degree=2, strain=Strain.LINEAR, formulation=MIXED)
+    lateral = 1 - nu * (stretch - 1)
     exact = mesh.points * [lateral - 1, lateral - 1, stretch - 1]
-    is_even = ratio == 1.0
-    np.testing.assert_allclose(result.displacement, exact, rtol=0.0, atol=1e-9 if is_even else 2e-3)
+    np.testing.assert_allclose(result.displacement, exact, rtol=0.0, atol=2e-3)
     (felt,) = result.tools
-    force = -0.5 * (1.0 + ratio) * stress * E
-    near = 1e-8 if is_even else 5e-3
-    np.testing.assert_allclose(felt.forces[-1], [0.0, 0.0, force], rtol=near, atol=1e-4)
+    force = -1.5 * (stretch - 1) * E
+    np.testing.assert_allclose(felt.forces[-1], [0.0, 0.0, force], rtol=5e-3, atol=1e-4)
     # Of degree 2 the tool meets the middles of edges, and vertices follow.
-    assert felt.penetrations[-1] < (1e-9 if is_even else 1e-3)
+    assert felt.penetrations[-1] < 1e-3
 
 
 def test_a_ball_presses_tissue_without_locking(box):
@@ -196,27 +147,3 @@ def test_a_ball_presses_tissue_without_locking(box):
     assert (energies[1] - energies[0]) / 0.002 == pytest.approx(force, rel=1e-3)
     plain, _ = press(0.081, Formulation.DISPLACEMENT)
     assert force < 0.98 * plain
-
-
-def test_what_it_cannot_do_is_refused(box):
-    mesh = box((1, 1, 1))
-    held = (support(mesh, "z0"),)
-    for problem, degree, words in (
-        (Problem(mesh, Material(1e4, 0.3), held, ()), 1, "degree 2 or 3"),
-        (Problem(mesh, Material(1e4, 0.0), held, ()), 2, "above 0"),
-    ):
-        with pytest.raises(InputError, match=words):
-            solve_static(problem, degree=degree, formulation=MIXED)
-
-
-def test_the_form_is_part_of_a_task_and_of_its_answer(box, tmp_path):
-    mesh = box((1, 1, 1))
-    load = Traction(mesh.facet_groups["x1"], (10.0, 0.0, 0.0))
-    problem = Problem(mesh, Material(1e4, 0.499), rollers(mesh), (load,))
-    task = StaticTask(degree=2, formulation=MIXED)
-    save_result(tmp_path / "task.npz", task)
-    again = load_result(tmp_path / "task.npz", StaticTask)
-    result = again(problem, lambda _line: None)
-    save_result(tmp_path / "result.npz", result)
-    stored = load_result(tmp_path / "result.npz", type(result))
-    assert stored.formulation is result.formulation is MIXED

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bank import support
+from bank import loaded_bar, pressure, support
 
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import (
     BodyForce,
-    PointForce,
     Pressure,
     Rotation,
     Support,
@@ -30,8 +28,9 @@ from palpate.reference import ranks
 pytestmark = pytest.mark.dolfinx
 
 EXAMPLE = Path(__file__).parents[2] / "validation" / "examples" / "gate_your_simulator"
-# Every rank does this: both degrees, factors and multigrid, a follower load, and an audit.
+# Every rank does this: solves by factors or multigrid, and an audit of the first of them.
 SOLVES = """
+import json
 import sys
 import numpy as np
 from palpate.meshes.problem_files import load_problem
@@ -40,144 +39,91 @@ from palpate.reference.audit import audit_displacement
 from palpate.reference.fenicsx import COMM
 from palpate.reference.statics import solve_static
 
-problem = load_problem(sys.argv[1])
-found = {}
-for degree, largest in ((1, 10**6), (2, 10**6), (2, 0)):
-    linear_solver.LARGEST_DIRECT = largest
-    result = solve_static(problem, degree=degree)
-    name = f"{degree}-{'factors' if largest else 'multigrid'}"
+problem, found = load_problem(sys.argv[1]), {}
+for name, options in json.loads(sys.argv[2]).items():
+    linear_solver.LARGEST_DIRECT = 0 if "multigrid" in name else 10**6
+    result = solve_static(problem, **options)
     found[name] = result.displacement
     found[name + "-stress"] = result.cauchy_stress
     found[name + "-support"] = result.support_forces
     found[name + "-scalars"] = np.array(
         [result.volume, result.surface_area, result.smallest_det_f, result.strain_energy]
     )
-audit = audit_displacement(problem, found["1-factors"], degree=2)
-found["audit-multigrid-scalars"] = np.array(
-    [audit.residual_norm, audit.displacement_error, audit.volume_error, *audit.cell_errors]
-)
-if COMM.rank == 0:
-    np.savez(sys.argv[2], size=COMM.size, **found)
-"""
-
-
-def test_two_ranks_find_what_one_finds(mpirun, tmp_path, box):
-    mesh = box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
-    problem = Problem(
-        mesh,
-        Material(2e4, 0.4),
-        (support(mesh, "x0"),),
-        (
-            BodyForce((0.0, 200.0, -600.0)),
-            Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
-            PointForce(np.array([mesh.num_points - 1], np.int32), np.array([[0.0, 0.3, 0.0]])),
-            Pressure(mesh.facet_groups["z1"], 80.0),
-        ),
+    if result.tools:
+        found[name + "-tool"] = np.array(result.tools[0].forces[-1] + result.tools[0].moments[-1])
+if "1-factors" in found:
+    audit = audit_displacement(problem, found["1-factors"], degree=2)
+    found["audit-multigrid-scalars"] = np.array(
+        [audit.residual_norm, audit.displacement_error, audit.volume_error, *audit.cell_errors]
     )
-    save_problem(tmp_path / "problem.npz", problem)
-    found = {}
-    for n in (1, 2):
-        path = tmp_path / f"{n}.npz"
-        done = mpirun(n, "-c", SOLVES, str(tmp_path / "problem.npz"), str(path))
-        assert done.returncode == 0, done.stderr
-        with np.load(path) as stored:
-            found[n] = dict(stored)
-        assert found[n].pop("size") == n
-    assert found[1].keys() == found[2].keys()
-    for name, alone in found[1].items():
-        # Factors agree to rounding; iterations end at 1e-10 (Newton) and 1e-8 (audit).
-        apart = 1e-8 if "multigrid" in name else 1e-10
-        assert np.abs(alone).max() > 1e-3
-        assert np.abs(found[2][name] - alone).max() < apart * np.abs(alone).max(), name
-
-
-SLIDES = """
-import sys
-import numpy as np
-from palpate.meshes.problem_files import load_problem
-from palpate.reference.fenicsx import COMM
-from palpate.reference.statics import solve_static
-
-result = solve_static(load_problem(sys.argv[1]), degree=2)
 if COMM.rank == 0:
-    np.savez(sys.argv[2], size=COMM.size, u=result.displacement, pushes=result.support_forces)
+    np.savez(sys.argv[3], size=COMM.size, **found)
 """
 
 
-def test_points_slide_on_slanted_walls_and_turn_on_two_ranks_too(mpirun, tmp_path, box):
-    mesh = box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
-    end = mesh.facet_groups["x1"]
-    walls = [
+def long_box(box):
+    return box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
+
+
+def pushed(_box):
+    """Every load, by both degrees, factors and multigrid."""
+    quadratic = {"degree": 2}
+    solves = {"1-factors": {}, "2-factors": quadratic, "2-multigrid": quadratic}
+    return loaded_bar((5, 2, 2), loads=(pressure,)), solves
+
+
+def sliding(box):
+    """Along walls at any angle."""
+    mesh = long_box(box)
+    walls = tuple(
         Support([0], mesh.facet_groups[name], normal=normal)
-        for name, normal in (("y0", (0.0, 1.0, 0.0)), ("z0", (0.0, 0.0, 1.0)))
-    ]
-    turned = Support([int(end[0, 0])], end, displacement=(0.02, 0.0, 0.0))
-    root = Support([0], mesh.facet_groups["x0"], normal=(1.0, 0.0, 0.0))
-    straight = Problem(mesh, Material(2e4, 0.4), (root, *walls), (BodyForce((900.0, 0.0, 0.0)),))
-    slanted = turn(straight, rotation((1.0, 2.0, 3.0), 40.0))[0]
-    spin = Rotation((1.0, 0.0, 0.0), (0.5, 0.1, 0.1), 0.5)
-    clamp = Support([0], mesh.facet_groups["x0"])
-    twisted = dataclasses.replace(
-        straight, supports=(clamp, dataclasses.replace(turned, rotation=spin))
+        for name, normal in zip(("x0", "y0", "z0"), np.eye(3).tolist(), strict=True)
     )
-    for name, problem in (("slanted", slanted), ("twisted", twisted)):
-        save_problem(tmp_path / f"{name}.npz", problem)
-        found = []
-        for n in (1, 2):
-            path = tmp_path / f"{name}-{n}.npz"
-            done = mpirun(n, "-c", SLIDES, str(tmp_path / f"{name}.npz"), str(path))
-            assert done.returncode == 0, done.stderr
-            with np.load(path) as stored:
-                assert stored["size"] == n
-                found.append((stored["u"], stored["pushes"]))
-        for alone, both in zip(*found, strict=True):
-            assert np.abs(alone).max() > 1e-3
-            assert np.abs(both - alone).max() < 1e-10 * np.abs(alone).max()
+    straight = Problem(mesh, Material(2e4, 0.4), walls, (BodyForce((900.0, 0.0, 0.0)),))
+    return turn(straight, rotation((1.0, 2.0, 3.0), 40.0))[0], {"factors": {"degree": 2}}
 
 
-PRESSES = """
-import sys
-import numpy as np
-from palpate.meshes.problem_files import load_problem
-from palpate.reference.fenicsx import COMM
-from palpate.reference.result import Formulation
-from palpate.reference.statics import solve_static
-
-found = solve_static(load_problem(sys.argv[1]), degree=2, formulation=Formulation.MIXED)
-if COMM.rank == 0:
-    felt = found.tools[0].forces[-1] + found.tools[0].moments[-1]
-    whole = (found.volume, found.strain_energy, found.smallest_det_f)
-    np.savez(sys.argv[2], size=COMM.size, u=found.displacement, felt=felt, whole=whole,
-             stress=found.cauchy_stress, pushes=found.support_forces)
-"""
+def twisted(box):
+    mesh = long_box(box)
+    end = mesh.facet_groups["x1"]
+    spin = Rotation((1.0, 0.0, 0.0), (0.5, 0.1, 0.1), 0.5)
+    turned = Support([int(end[0, 0])], end, displacement=(0.02, 0.0, 0.0), rotation=spin)
+    clamp = Support([0], mesh.facet_groups["x0"])
+    load = BodyForce((900.0, 0.0, 0.0))
+    return Problem(mesh, Material(2e4, 0.4), (clamp, turned), (load,)), {"factors": {"degree": 2}}
 
 
-def test_the_mixed_form_presses_layers_on_two_ranks_as_on_one(mpirun, tmp_path, box):
+def layered(box):
+    """The mixed form of two materials, with a tool and a pressure."""
     mesh = box((4, 2, 2), (1.0, 0.5, 0.5), jitter=0.2)
     half = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5).astype(np.int32)
-    places = np.array([[0.4, 0.25, 0.8], [0.4, 0.25, 0.76]])
+    knots = np.array([[0.4, 0.25, 0.8], [0.4, 0.25, 0.76]])
     problem = Problem(
         mesh,
         Material(2e4, 0.499),
         (support(mesh, "z0"),),
         (Pressure(mesh.facet_groups["x1"], 300.0),),
         inclusions=(Inclusion(half, Material(6e4, 0.495)),),
-        tools=(RigidTool(SphereShape(0.3), ToolPath(np.arange(2.0), places)),),
+        tools=(RigidTool(SphereShape(0.3), ToolPath(np.arange(2.0), knots)),),
     )
+    return problem, {"factors": {"degree": 2, "formulation": "mixed"}}
+
+
+@pytest.mark.parametrize(
+    ("body", "apart"),
+    # The tool's force is settled to 1e-9.
+    [(pushed, 1e-10), (sliding, 1e-10), (twisted, 1e-10), (layered, 3e-9)],
+)
+def test_two_ranks_find_what_one_finds(on_one_and_two, tmp_path, box, body, apart):
+    problem, solves = body(box)
     save_problem(tmp_path / "problem.npz", problem)
-    found = []
-    for n in (1, 2):
-        path = tmp_path / f"{n}.npz"
-        done = mpirun(n, "-c", PRESSES, str(tmp_path / "problem.npz"), str(path))
-        assert done.returncode == 0, done.stderr
-        with np.load(path) as stored:
-            found.append(dict(stored))
-        assert found[-1].pop("size") == n
-    for name, alone in found[0].items():
-        scale = np.abs(alone).max()
-        assert scale > 1e-3
-        # The tool's force is settled to 1e-9.
-        assert np.abs(found[1][name] - alone).max() < 3e-9 * scale, name
+    alone, both = on_one_and_two(SOLVES, str(tmp_path / "problem.npz"), json.dumps(solves))
+    assert alone.keys() == both.keys()
+    for name, expected in alone.items():
+        # Factors agree to rounding; iterations end at 1e-10 (Newton) and 1e-8 (audit).
+        near = 1e-8 if "multigrid" in name else apart
+        assert np.abs(expected).max() > 1e-3
+        assert np.abs(both[name] - expected).max() < near * np.abs(expected).max(), name
 
 
 # Cells of another rank at an edge would be missing from its average. The rest is decided by all
@@ -211,11 +157,11 @@ for name, solve, kind in (
         found[name] = getattr(error, "reason", str(error))
 hit = simulate_explicit(load("hit"))
 if COMM.rank == 0:
-    np.savez(sys.argv[2], u=hit.displacements, felt=hit.tool_forces, **found)
+    np.savez(sys.argv[2], size=COMM.size, u=hit.displacements, felt=hit.tool_forces, **found)
 """
 
 
-def test_steps_tools_and_refusals_are_the_same_on_two_ranks(mpirun, tmp_path, box):
+def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_path, box):
     mesh = box((4, 1, 1), (0.4, 0.1, 0.1))
 
     def save(name, shape, places, time=None, drive=None):
@@ -233,12 +179,7 @@ def test_steps_tools_and_refusals_are_the_same_on_two_ranks(mpirun, tmp_path, bo
     save("inside", ball, [[0.42, 0.02, 0.13]], TimeSpan(1e-3, 1e-3, 0.0, 1))
     drive = ForceDrive((0.0, 0.0, -1.0), 1.0, TabularAmplitude((0.0,), (1.0,)), 1.0)
     save("missed", ball, [[0.6, 0.05, 0.2]], drive=drive)
-    found = []
-    for n in (1, 2):
-        done = mpirun(n, "-c", STEPS, str(tmp_path), str(tmp_path / f"{n}.npz"))
-        assert done.returncode == 0, done.stderr
-        found.append(dict(np.load(tmp_path / f"{n}.npz")))
-    alone, both = found
+    alone, both = on_one_and_two(STEPS, str(tmp_path))
     refused = "smoothed tetrahedra run on one rank; leave mpirun out"
     for name in ("solve_static", "simulate_explicit"):
         assert refused in str(both.pop(name))

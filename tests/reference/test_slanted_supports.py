@@ -95,10 +95,8 @@ def test_gamg_knows_slanted_walls():
 
     problem = turn(in_a_corner((19, 17, 16)), SLANT)[0]
     assert 3 * problem.mesh.num_points > LARGEST_DIRECT
-    plain = turn(in_a_corner((19, 17, 16)), np.eye(3))[0]
     ours = fast_static(problem, strain=Strain.LINEAR).displacement
     theirs = solve_static(problem, strain=Strain.LINEAR).displacement
-    assert plain.mesh.num_points == problem.mesh.num_points
     assert np.abs(ours - theirs).max() < 1e-8 * np.abs(theirs).max()
 
 

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from bank import support
+from bank import lumped_mass, support
 
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import ForceDrive, PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.availability import is_available
 
@@ -218,21 +218,20 @@ def path(times, positions):
     return ToolPath(np.array(times), np.array(positions), np.array([UPRIGHT] * len(times)))
 
 
-def test_a_plane_that_hits_a_free_cube_gives_it_the_momentum_of_its_impulse(box):
+@pytest.mark.parametrize("element", list(Element))
+def test_a_plane_that_hits_a_free_cube_gives_it_the_momentum_of_its_impulse(box, element):
     mesh = box((3, 3, 3), jitter=0.1)
     # A floor (its inside is z <= 0) that rises by 0.5 m/s into the cube above it.
     floor = RigidTool(PlaneShape(), path([0.0, 1.0], [[0.5, 0.5, -0.01], [0.5, 0.5, 0.49]]))
     span = TimeSpan(0.3, 5e-4, 0.0, 600)
-    result = simulate_explicit(Problem(mesh, SOFT, (), (), span, (floor,)))
+    problem = Problem(mesh, SOFT, (), (), span, (floor,))
+    result = simulate_explicit(problem, element=element)
     impulses = np.cumsum(result.tool_forces[0], axis=0) * 5e-4
     # Force on the tool: downwards, and frictionless.
     assert impulses[-1, 2] < 0.0
     assert np.abs(impulses[:, :2]).max() < 1e4 * EPS * np.abs(impulses[-1, 2])
     # Every step is stored: momentum between two is all the impulse before, from lumped masses.
-    masses = np.zeros(mesh.num_points)
-    corners = mesh.points[mesh.cells]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-    np.add.at(masses, mesh.cells, 1000.0 * volumes[:, None] / 4.0)
+    masses = lumped_mass(problem)
     momentum = np.einsum("p,tpi->ti", masses, np.diff(result.displacements, axis=0)) / 5e-4
     assert momentum[-1, 2] > 0.3 * masses.sum() * 0.5
     assert np.abs(momentum + impulses[1:]).max() < 1e6 * EPS * np.abs(momentum).max()
