@@ -1,66 +1,57 @@
 """Fig. 2: a beam under its own weight. Linear strain stretches it falsely, Green does not.
 
 The sweep raises the weight from a tenth to all of it and follows the tip and the length of the
-middle line, for both strains, by fastsim (marks) and by the reference on the same mesh (lines).
+middle line, for both strains, by fastsim and by the reference on the same mesh.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import NamedTuple
+from itertools import product
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.transforms import scale_loads
 from palpate.reference.availability import is_available
-from palpate.validation.candidates.fastsim import run_fastsim
 from palpate.validation.case import load_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.runs import solve_state
-from palpate.validation.report.plots import OCHRE, RED, Line, Panel, line_figure
+from palpate.validation.report.plots import Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table
-from palpate.validation.states import Progress, in_silence
+from palpate.validation.solving import Simulator
+from palpate.validation.states import CandidateFailedError, Progress
 from palpate.validation.studies.study import findings_of, judge_live, page_of
+from palpate.validation.studies.sweep import lines_of
+from palpate.validation.studies.sweep_runs import Axis, Run, solve_row
 
 TITLE = "The beam"
 
 FACTORS = (0.1, 0.25, 0.5, 0.75, 1.0)
+AXIS = Axis("part of the weight", FACTORS)
 
 
-class Row(NamedTuple):
-    """Tip drop [mm] and stretch of the middle line [%] under a part of the weight."""
+def compute(progress: Progress) -> tuple[CaseResult, list[Run]]:
+    """Judge the beam, sweep its load by fastsim, and by the reference where it is.
 
-    load_factor: float
-    strain: Strain
-    simulator: str
-    tip_drop: float
-    stretch: float
-
-
-def compute(progress: Progress) -> tuple[CaseResult, list[Row]]:
-    """Judge the beam, sweep its load."""
-    return judge_live("beam", progress), sweep(load_case("beam").problem, progress)
-
-
-def sweep(problem: Problem, progress: Progress) -> list[Row]:
-    """Each load, strain and simulator."""
-    rows: list[Row] = []
-    for factor in FACTORS:
-        given = scale_loads(problem, factor)
-        for strain in Strain:
-            answers = {"fastsim": run_fastsim(given, strain, in_silence).displacement}
-            if is_available():
-                truth = solve_state(given, strain, 1, in_silence)
-                answers["reference P1"] = truth.displacement
-            for simulator, displacement in answers.items():
-                measured = measure_tip(problem.mesh, displacement)
-                rows.append(Row(factor, strain, simulator, *measured))
-        progress(f"load sweep: {factor:g} of the weight done")
-    return rows
+    Raises:
+        CandidateFailedError: One of them has no result under a part of the weight.
+    """
+    case = load_case("beam")
+    row = [((factor,), scale_loads(case.problem, factor)) for factor in FACTORS]
+    simulators = (Simulator.FASTSIM, *((Simulator.REFERENCE,) if is_available() else ()))
+    runs = [
+        run
+        for simulator, strain in product(simulators, Strain)
+        for run in solve_row(
+            [AXIS], row, case.spec.units, simulator, Element.LINEAR, strain, progress=progress
+        )
+    ]
+    for run in runs:
+        if run.state is None:
+            raise CandidateFailedError(f"{run.who}, {run.strain} strain: {run.trouble}")
+    return judge_live("beam", progress), runs
 
 
 def measure_tip(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
@@ -88,40 +79,38 @@ def middle_line_length(mesh: TetMesh, displacement: Points, stations: int = 25) 
     return float(np.linalg.norm(np.diff(np.array(line), axis=0), axis=1).sum())
 
 
-def judge(found: tuple[CaseResult, list[Row]]) -> list[Finding]:
+def judge(found: tuple[CaseResult, list[Run]]) -> list[Finding]:
     """The case's checks."""
     return findings_of(found[0])
 
 
-def present(found: tuple[CaseResult, list[Row]]) -> Page:
+def present(found: tuple[CaseResult, list[Run]]) -> Page:
     """The case's report, and the sweep as a table and a figure."""
-    result, rows = found
+    result, runs = found
+    mesh = load_case("beam").problem.mesh
+    measured = {
+        (run.values, run.simulator, run.strain): measure_tip(mesh, run.state.displacement)
+        for run in runs
+        if run.state is not None
+    }
     columns = {"load_factor": "g", "strain": "", "simulator": "", "tip_drop_mm": ".3f"}
-    table = Table("Load sweep", {**columns, "stretch_percent": ".2f"}, rows)
+    table = Table(
+        "Load sweep",
+        {**columns, "stretch_percent": ".2f"},
+        [
+            (factor, str(strain), str(simulator), *tip)
+            for ((factor,), simulator, strain), tip in measured.items()
+        ],
+    )
 
-    def lines(measure: Callable[[Row], float]) -> list[Line]:
-        chosen = {
-            (strain, simulator): [r for r in rows if (r.strain, r.simulator) == (strain, simulator)]
-            for strain in Strain
-            for simulator in ("reference P1", "fastsim")
-        }
-        return [
-            Line(
-                [r.load_factor for r in some],
-                [measure(r) for r in some],
-                label=f"{strain}, {simulator}",
-                style="o" if simulator == "fastsim" else "-",
-                colour=OCHRE if strain is Strain.LINEAR else RED,
-            )
-            for (strain, simulator), some in chosen.items()
-            if some
-        ]
+    def panel(k: int, words: str) -> Panel:
+        def number(run: Run) -> float | None:
+            tip = measured.get((run.values, run.simulator, run.strain))
+            return None if tip is None else tip[k]
 
-    panels = [
-        Panel(lines(lambda r: r.tip_drop), x="part of the weight", y="tip drop [mm]"),
-        Panel(
-            lines(lambda r: r.stretch), x="part of the weight", y="stretch of the middle line [%]"
-        ),
-    ]
-    figure = line_figure([panels], "Lines: reference; marks: fastsim.", shares_legend=True)
+        return Panel(lines_of([AXIS], runs, number), x=AXIS.key, y=words)
+
+    panels = [panel(0, "tip drop [mm]"), panel(1, "stretch of the middle line [%]")]
+    words = "Solid: Green strain; dashed: linear strain. Crosses: the reference on the same mesh."
+    figure = line_figure([panels], words, shares_legend=True)
     return dataclasses.replace(page_of(result), tables={"sweep": table}, figures={"sweep": figure})

@@ -58,7 +58,7 @@ def sweep_figures(
     for name, (words, measure, caption) in made.items():
         lost = [run for run in runs if run.was_tried and run.state is None]
         panel = Panel(
-            _lines(axes, runs, measure),
+            lines_of(axes, runs, measure),
             # Where the first value without an answer is.
             places={run.values[0]: f"no answer, {run.strain}" for run in lost},
             x=axes[0].key,
@@ -69,7 +69,7 @@ def sweep_figures(
     return figures
 
 
-def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list[Line]:
+def lines_of(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list[Line]:
     """A colour for each element and values of the other axes; fastsim as lines, others crosses."""
     lines = []
     others = list(dict.fromkeys(run.values[1:] for run in runs))
@@ -87,13 +87,13 @@ def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list
             continue
         other, element, simulator, strain = wanted
         x, y = zip(*rows, strict=True)
-        told = [f"{a.key} = {v:g}" for a, v in zip(axes[1:], other, strict=True)]
+        more = [f"{a.key} = {v:g}" for a, v in zip(axes[1:], other, strict=True)]
         style = "-o" if strain is Strain.GREEN else "--o"
         lines.append(
             Line(
                 x,
                 y,
-                label="; ".join([f"{simulator}, {element}, {strain}", *told]),
+                label="; ".join([f"{simulator}, {element}, {strain}", *more]),
                 style=style if simulator is Simulator.FASTSIM else "x",
                 colour=colours[other, element],
             )
