@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from judged import case_of, on_same_mesh
 from typer.testing import CliRunner
 
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
-from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
@@ -25,20 +25,16 @@ def _needs_warp() -> None:
     pytest.importorskip("warp", reason="the extra `gpu` is not installed")
 
 
-def on_same_mesh(result: CaseResult) -> dict[str, tuple[float, Verdict]]:
-    found = {
-        f"{check.metric} {check.against}": (check.value, check.verdict)
-        for check in result.checks
-        if check.against == "same_mesh"
-    }
+def values_of(result: CaseResult) -> dict[str, tuple[float, Verdict]]:
+    found = {check.metric: (check.value, check.verdict) for check in on_same_mesh(result)}
     assert found
     return found
 
 
 def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
-    case = load_case("block-motion")
+    case = case_of("block-motion")
     core, device = (
-        on_same_mesh(judge_case(case, candidate=fastsim_candidate(device=name)))
+        values_of(judge_case(case, candidate=fastsim_candidate(device=name)))
         for name in ("cpu", WARP)
     )
     assert core.keys() == device.keys()
@@ -50,25 +46,25 @@ def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
 
 
 def test_in_single_precision_it_passes_where_that_is_granted() -> None:
-    case = load_case("block-motion")
+    case = case_of("block-motion")
     single = fastsim_candidate(device=WARP, precision=Precision.SINGLE)
     granted = judge_case(case, candidate=single, precision=Precision.SINGLE)
-    found = on_same_mesh(granted)
+    found = values_of(granted)
     assert {verdict for _, verdict in found.values()} == {Verdict.PASSED}
     assert max(value for value, _ in found.values()) > 1e-10  # it is single precision
     softer = judge_case(
         case, candidate=with_fault(single, Fault.SOFTER), precision=Precision.SINGLE
     )
-    assert Verdict.FAILED in {verdict for _, verdict in on_same_mesh(softer).values()}
+    assert Verdict.FAILED in {verdict for _, verdict in values_of(softer).values()}
 
 
 def test_a_static_case_is_relaxed_on_a_device() -> None:
-    result = judge_case(load_case("block"), candidate=fastsim_candidate(device=WARP))
-    assert {verdict for _, verdict in on_same_mesh(result).values()} == {Verdict.PASSED}
+    result = judge_case(case_of("block"), candidate=fastsim_candidate(device=WARP))
+    assert {verdict for _, verdict in values_of(result).values()} == {Verdict.PASSED}
 
 
 def test_what_has_no_explicit_steps_takes_no_device() -> None:
-    problem = load_case("block").problem
+    problem = case_of("block").problem
     with pytest.raises(InputError, match="relaxation"):
         solve(problem, device=WARP)
     with pytest.raises(InputError, match="reference"):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import case_of, references_of, solved, state_of
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
@@ -19,11 +20,11 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
+from palpate.meshes.transforms import scale_loads
 from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.diagnosis.diagnose import equations_left
-from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import (
     DISCRETISATION,
     MODEL,
@@ -38,9 +39,7 @@ from palpate.validation.judging.error_budget import (
     static_budgets,
 )
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.metrics import make_state
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
-from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.report.case_plots import budget_svg
 from palpate.validation.states import State
 
@@ -51,24 +50,12 @@ WITHIN = 0.1
 
 @cache
 def problem_of(name: str) -> Problem:
-    return load_case(name).problem
+    return case_of(name).problem
 
 
 @cache
-def references_of(name: str) -> ReferenceSet:
-    return find_references(load_case(name), live=False, progress=lambda _line: None)
-
-
-def state(problem: Problem, displacement: object, strain: Strain = Strain.GREEN) -> State:
-    return make_state(
-        problem.mesh, np.asarray(displacement), label="c", simulator="c", strain=strain
-    )
-
-
-@cache
-def solved(name: str, strain: Strain = Strain.GREEN) -> State:
-    problem = problem_of(name)
-    return state(problem, solve_static(problem, strain=strain).displacement, strain)
+def solution_of(name: str, strain: Strain = Strain.GREEN) -> State:
+    return solved(problem_of(name), strain)
 
 
 def budgets_of(name: str, candidate: State) -> list[Budget]:
@@ -86,8 +73,8 @@ def assert_lands_in(term: str, seeded: list[Budget], healthy: list[Budget]) -> N
 
 @pytest.mark.parametrize("name", CASES)
 def test_linear_strain_is_the_models_error(name: str) -> None:
-    seeded = budgets_of(name, solved(name, Strain.LINEAR))
-    assert_lands_in(MODEL, seeded, budgets_of(name, solved(name)))
+    seeded = budgets_of(name, solution_of(name, Strain.LINEAR))
+    assert_lands_in(MODEL, seeded, budgets_of(name, solution_of(name)))
     # Solved as well as before: nothing of it is the solver's.
     for budget in seeded:
         assert abs(budget.terms[SOLVER] or math.nan) < 1e-7 * abs(budget.truth)
@@ -98,14 +85,14 @@ def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
     problem = problem_of(name)
     # One Newton step short of the answer: what a tolerance of a few per cent lets through.
     newton = Newton(problem, Strain.GREEN, 3e-2, 30, Iteration.NEWTON)
-    start = solve_static(_scaled(problem, 0.9)).displacement
+    start = solve_static(scale_loads(problem, 0.9)).displacement
     loose = newton.solve(start, 1.0).displacement
     assert loose is not None
-    answer = state(problem, loose)
+    answer = state_of(problem, loose)
     # It says itself how far it went.
     said = {"relative_residual": equations_left(problem, answer)}
     seeded = budgets_of(name, dataclasses.replace(answer, details=said))
-    assert_lands_in(SOLVER, seeded, budgets_of(name, solved(name)))
+    assert_lands_in(SOLVER, seeded, budgets_of(name, solution_of(name)))
     # Who says nothing, or something else, is not believed to have stopped early.
     for details in ({}, {"relative_residual": 1e-3 * said["relative_residual"]}):
         silent = budgets_of(name, dataclasses.replace(answer, details=details))
@@ -127,7 +114,7 @@ def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
 )
 def test_a_wrong_law_is_not_booked_as_the_solvers_error(fault: Fault, rest: str) -> None:
     """A candidate that is asked for Green strain and answers something else."""
-    whole = judge_case(load_case("kidney"), candidate=with_fault(fastsim_candidate(), fault))
+    whole = judge_case(case_of("kidney"), candidate=with_fault(fastsim_candidate(), fault))
     budgets = [b for b in case_budgets(whole) if "green" in b.candidate]
     assert {b.rest for b in budgets} == {rest}
     for budget in budgets:
@@ -138,12 +125,6 @@ def test_a_wrong_law_is_not_booked_as_the_solvers_error(fault: Fault, rest: str)
     assert all(f"({rest})" in " ".join(row) for row in rows)
 
 
-def _scaled(problem: Problem, factor: float) -> Problem:
-    from palpate.meshes.transforms import scale_loads
-
-    return scale_loads(problem, factor)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_a_finer_mesh_takes_off_what_discretisation_says(name: str) -> None:
     problem, truth = problem_of(name), references_of(name).truth(Strain.GREEN)
@@ -151,9 +132,9 @@ def test_a_finer_mesh_takes_off_what_discretisation_says(name: str) -> None:
     finer = refine_problem(problem)
     fine = solve_static(finer).displacement[: problem.mesh.num_points]
     probe = farthest_probe(truth.displacement)
-    coarse_value = probe.read(problem.mesh, solved(name).displacement)[0]
+    coarse_value = probe.read(problem.mesh, solution_of(name).displacement)[0]
     gained = coarse_value - probe.read(problem.mesh, fine)[0]
-    budget = budgets_of(name, solved(name))[0]
+    budget = budgets_of(name, solution_of(name))[0]
     term = budget.terms[DISCRETISATION]
     assert term is not None
     # Errors of linear tetrahedra fall as h^2 away from clamps, so halving h takes off 3/4.
@@ -174,7 +155,7 @@ def test_another_mesh_is_discretisations_error(name: str, tmp_path: Path) -> Non
     np.savez(path, points=finer.mesh.points, cells=finer.mesh.cells, displacement=fine)
     brought = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
     seeded = budgets_of(name, brought)
-    healthy = budgets_of(name, solved(name))
+    healthy = budgets_of(name, solution_of(name))
     for after, before in zip(seeded, healthy, strict=True):
         # Cells twice the size are what the case's own answer has more: all of it, in its term.
         known = after.value - before.value
@@ -195,13 +176,13 @@ def on_bricks(name: str, divisions: tuple[int, int, int], folder: Path) -> Probl
 
 
 def test_discretisation_of_csm1_is_the_distance_to_the_published_number() -> None:
-    case = load_case("csm1")
-    budget = budgets_of("csm1", solved("csm1"))[0]
+    case = case_of("csm1")
+    budget = budgets_of("csm1", solution_of("csm1"))[0]
     (check,) = (c for c in case.checks if c.against == "candidate" and c.component == "y")
     assert check.at is not None
     assert check.expected is not None
     apart = np.linalg.norm(1e3 * case.problem.mesh.points - check.at, axis=1)
-    own = solved("csm1").displacement[int(apart.argmin())]
+    own = solution_of("csm1").displacement[int(apart.argmin())]
     known = own[1] - 1e-3 * check.expected
     # The probe is the bar's end, along the way that it goes; y is nearly all of it.
     assert abs(budget.terms[DISCRETISATION] or 0.0) == pytest.approx(abs(known), rel=WITHIN)
@@ -226,7 +207,7 @@ def test_discretisation_is_what_meshes_without_the_reference_find(
         values.append(float(solve_static(each).displacement[point] @ probe.direction))
     limit = assess_grid_convergence(values, (1.0, 2.0, 4.0), expected_order=2.0).extrapolated
     assert limit is not None
-    budget = budgets_of(name, solved(name))[0]
+    budget = budgets_of(name, solution_of(name))[0]
     known = budget.value - limit
     assert abs(known) > 0.05 * abs(limit)
     assert budget.terms[DISCRETISATION] == pytest.approx(known, rel=WITHIN)
@@ -246,7 +227,7 @@ def test_discretisation_of_the_kidney_is_found_within_the_bar_of_other_meshes() 
     ]
     found = assess_grid_convergence(values, (1.0, 2.0, 4.0), expected_order=2.0)
     assert found.error_bar is not None
-    budget = budgets_of("kidney", solved("kidney"))[0]
+    budget = budgets_of("kidney", solution_of("kidney"))[0]
     term = budget.terms[DISCRETISATION]
     assert term is not None
     # The truth that the term leads to lies within the bar of the finest mesh ...
@@ -267,10 +248,7 @@ def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
     # What the step costs, measured on the candidate alone against an eighth of it.
     finest = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=limit / 16.0))
     values = [simulate(p).displacements[-1] for p in (problem, finest)]
-    candidate = make_state(
-        still.mesh, values[0], label="fastsim", simulator="fastsim", strain=Strain.GREEN
-    )
-    budget = motion_budgets(problem, candidate)[0]
+    budget = motion_budgets(problem, state_of(still, values[0]))[0]
     fine = simulate(dataclasses.replace(refine_problem(problem), time=finest.time))
     probe = farthest_probe(fine.displacements[-1][: still.mesh.num_points])
     known = float((values[0][probe.point] - values[1][probe.point]) @ probe.direction)
@@ -279,7 +257,7 @@ def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
 
 
 def test_terms_and_interaction_add_up_and_a_healthy_candidate_has_only_discretisation() -> None:
-    for budget in budgets_of("kidney", solved("kidney")):
+    for budget in budgets_of("kidney", solution_of("kidney")):
         terms = [t for t in budget.terms.values() if t is not None]
         assert sum(terms) + budget.interaction == pytest.approx(budget.total, rel=1e-12)
         assert abs(budget.interaction) < 1e-9 * abs(budget.truth)
@@ -289,7 +267,7 @@ def test_terms_and_interaction_add_up_and_a_healthy_candidate_has_only_discretis
 
 
 def test_table_and_figure_of_a_judged_case() -> None:
-    budgets = case_budgets(judge_case(load_case("block")))
+    budgets = case_budgets(judge_case(case_of("block")))
     assert {b.candidate for b in budgets} == {"fastsim, linear strain", "fastsim, green strain"}
     columns, rows = budget_rows(budgets)
     assert len(rows) == 4

@@ -4,35 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from judged import case_of
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.case import load_case, load_cases
+from palpate.validation.case import load_cases
 from palpate.validation.judging.judge import judge_case, judge_cases
 from palpate.validation.states import CandidateFailedError, State
 from palpate.validation.versions import version_of
 
 
-def test_the_version_is_that_of_the_package() -> None:
+def test_the_provenance_of_a_result_names_versions_and_the_command(monkeypatch) -> None:
     assert version_of("numpy") == np.__version__
     assert version_of("no-such-package") == "sources in place"
-
-
-def test_the_provenance_of_a_result_names_palpates_own() -> None:
-    told = judge_case(load_case("confined")).provenance
-    assert told["palpate"] == version_of("palpate")
-    assert told["numpy"] == np.__version__
-
-
-def test_the_provenance_of_a_result_holds_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["/usr/bin/palpate", "gate", "confined"])
-    assert judge_case(load_case("confined")).provenance["command"] == "palpate gate confined"
+    provenance = judge_case(case_of("confined")).provenance
+    assert provenance["palpate"] == version_of("palpate")
+    assert provenance["numpy"] == np.__version__
+    assert provenance["command"] == "palpate gate confined"
 
 
 FASTSIM = fastsim_candidate()
@@ -45,7 +39,7 @@ def test_both_strain_measures_are_asked_for_before_either_has_answered() -> None
         meeting.wait()  # breaks, and raises, where one is asked after the other
         return FASTSIM.solve(problem, strain, say)
 
-    case = load_case("flight")
+    case = case_of("flight")
     found = judge_case(case, candidate=dataclasses.replace(FASTSIM, solve=solve))
     alone = judge_case(case, candidate=dataclasses.replace(FASTSIM, steps_without_lock=False))
     assert [(c.metric, c.value, c.verdict) for c in found.checks] == [
@@ -59,40 +53,12 @@ def test_one_strain_measure_that_fails_leaves_the_other_its_answer() -> None:
             raise CandidateFailedError("it diverged")
         return FASTSIM.solve(problem, strain, say)
 
-    found = judge_case(load_case("flight"), candidate=dataclasses.replace(FASTSIM, solve=solve))
+    found = judge_case(case_of("flight"), candidate=dataclasses.replace(FASTSIM, solve=solve))
     by_strain = {
         strain: {c.verdict for c in found.checks if c.strain is strain} for strain in Strain
     }
     assert by_strain[Strain.GREEN] == {"passed"}
     assert by_strain[Strain.LINEAR] <= {"failed"}
-
-
-OWN = """schema = 1
-title = "Nobody stored a reference of this one"
-
-[geometry]
-shape = "box"
-size = [3.0, 1.0, 1.0]
-edge_length = 1.0
-
-[material]
-youngs_modulus = 1000.0
-poissons_ratio = 0.3
-
-[[support]]
-region = { half_space = { point = [0.1, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
-
-[[load]]
-kind = "traction"
-traction = [0.0, 0.0, 1.0]
-region = { half_space = { point = [2.9, 0.0, 0.0], normal = [1.0, 0.0, 0.0] } }
-
-[[check]]
-metric = "displacement_l2"
-against = "same_mesh"
-limit = 1e-8
-reason = "same equations"
-"""
 
 
 def test_two_processes_find_what_one_does_in_the_order_of_the_cases() -> None:
@@ -107,9 +73,7 @@ def test_two_processes_find_what_one_does_in_the_order_of_the_cases() -> None:
     assert lines == alone
 
 
-def test_a_case_that_cannot_be_judged_is_refused_as_ever(tmp_path: Path) -> None:
-    file = tmp_path / "own.toml"
-    file.write_text(OWN)
-    cases = load_cases(["column", str(file)])
+def test_a_case_that_cannot_be_judged_is_refused_as_ever(write_case) -> None:
+    cases = load_cases(["column", str(write_case())])
     with pytest.raises(InputError, match="no reference is stored"):
         judge_cases(cases, [fastsim_candidate()], processes=2)

@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import case_of, references_of
 
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.candidates.candidate import result_candidate
-from palpate.validation.case import load_case
+from palpate.validation.case import builtin_cases
 from palpate.validation.exchange.point_location import locate_points
-from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED
 from palpate.validation.states import Verdict, gravest
-
-CASES = sorted(path.stem for path in Path(__file__).parents[3].glob("validation/cases/*.toml"))
 
 
 def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
@@ -28,8 +26,7 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
         folder: For the result.
         garbage: In sizes of the body.
     """
-    case = load_case(name)
-    references = find_references(case, live=False, progress=lambda _line: None)
+    case, references = case_of(name), references_of(name)
     # The cantilever asks for the truth, to which smoothed tetrahedra are near enough.
     label = SMOOTHED if name == "cantilever" else SAME_MESH
     right = references.states.get((label, case.strain)) or references.truth(case.strain)
@@ -38,18 +35,19 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     own = refine_uniformly(mesh)
     location = locate_points(mesh, own)
     motion = right.trajectory
-    states = right.displacement[None] if motion is None else motion.displacements
     arrays = {
-        "displacement": np.stack([location.read(mesh.cells, state) for state in states]),
+        "displacement": np.stack(
+            [location.read(mesh.cells, state) for state in right.displacements]
+        ),
         "points": own.points,
         "cells": own.cells,
     }
     if motion is not None:
         arrays["times"] = motion.times
-    told: dict[str, object] = {"element": right.element.value}
+    about: dict[str, object] = {"element": right.element.value}
     if right.tool_forces is not None:
-        told["tool_forces"] = right.tool_forces.tolist()
-    arrays["about"] = np.array(json.dumps(told))
+        about["tool_forces"] = right.tool_forces.tolist()
+    arrays["about"] = np.array(json.dumps(about))
     inner = np.ones(own.num_points, dtype=bool)
     inner[: mesh.num_points] = False
     inner[np.unique(own.boundary_facets)] = False
@@ -65,7 +63,7 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     return gravest([c.verdict for c in result.checks if c.against == "same_mesh"])
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", builtin_cases())
 def test_garbage_at_inner_points_of_the_own_mesh_fails(name: str, tmp_path: Path) -> None:
     assert verdict_on_own_mesh(name, tmp_path, garbage=0.3) is Verdict.FAILED
 

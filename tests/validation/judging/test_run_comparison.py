@@ -9,17 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from judged import case_of
 
 from palpate.meshes.errors import FileFormatError
-from palpate.validation.case import load_case
-from palpate.validation.cli import app
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
 from palpate.validation.judging.run_comparison import RunComparison, compare_runs, read_run
 from palpate.validation.states import ExitCode
-
-ODD: list[Any] = [None, True, "text", -1, 1e300, [], {}, [1, 2], {"a": {"b": []}}]
 
 
 def check(metric: str, value: float | None, verdict: str, **others: Any) -> dict[str, Any]:
@@ -39,6 +35,7 @@ RUN = {
                 check("displacement_l2", 0.02, "passed"),
                 check("volume", 0.03, "passed"),
                 check("volume", 0.04, "passed", element="smoothed"),
+                check("smallest_det_f", 0.5, "passed", against="candidate", limit=0.2),
             ],
         }
     ],
@@ -70,9 +67,9 @@ def make_worse(case: Any) -> None:
 def test_the_same_run_twice_is_the_same(tmp_path: Path) -> None:
     found = compared(tmp_path)
     assert set(changes(found).values()) == {"same"}
-    assert len(found.pairs) == 3  # the two volumes are told apart by their element
+    assert len(found.pairs) == 4  # the two volumes differ by their element
     assert found.exit_code is ExitCode.PASSED
-    assert found.remarks == ("3 of 3 checks found the same.",)
+    assert found.remarks == ("4 of 4 checks found the same.",)
 
 
 def test_a_verdict_that_got_worse_fails_and_stands_first(tmp_path: Path) -> None:
@@ -81,6 +78,7 @@ def test_a_verdict_that_got_worse_fails_and_stands_first(tmp_path: Path) -> None
         "volume (truth, green)": "worse",
         "displacement_l2 (truth, green)": "larger error",
         "volume (truth, green, smoothed)": "same",
+        "smallest_det_f (own, green)": "same",
     }
     assert found.exit_code is ExitCode.FAILED
     rows = found.markdown("old", "new").splitlines()
@@ -89,12 +87,17 @@ def test_a_verdict_that_got_worse_fails_and_stands_first(tmp_path: Path) -> None
 
 
 def test_a_check_that_is_gone_is_worse_and_a_new_one_is_not(tmp_path: Path) -> None:
-    found = compared(tmp_path, lambda case: case["checks"].pop())
+    found = compared(tmp_path, lambda case: case["checks"].pop(2))
     assert changes(found)["volume (truth, green, smoothed)"] == "gone"
     assert found.exit_code is ExitCode.FAILED
     other_way = compare_runs(tmp_path / "b.json", tmp_path / "a.json")
     assert set(changes(other_way).values()) == {"same", "new"}
     assert other_way.exit_code is ExitCode.PASSED
+
+
+def test_an_answer_that_lost_its_number_has_changed(tmp_path: Path) -> None:
+    found = compared(tmp_path, lambda case: case["checks"][0].update(value=None))
+    assert changes(found)["displacement_l2 (truth, green)"] == "changed"
 
 
 @pytest.mark.parametrize(
@@ -103,6 +106,8 @@ def test_a_check_that_is_gone_is_worse_and_a_new_one_is_not(tmp_path: Path) -> N
         (lambda case: case["provenance"].update(case_key="other"), "liver is another problem"),
         (lambda case: case["checks"][0].update(limit=0.5), "limit 0.05, then 0.5 (looser)"),
         (lambda case: case["checks"][0].update(limit=0.04), "limit 0.05, then 0.04 (tighter)"),
+        # The limit of smallest_det_f is the least that it may be.
+        (lambda case: case["checks"][3].update(limit=0.1), "limit 0.2, then 0.1 (looser)"),
         (
             lambda case: case["metrics"].update(
                 {"fastsim.green.volume": 2.1, "error.truth.green.volume": 1.0}
@@ -119,68 +124,61 @@ def test_limits_problems_and_numbers_that_changed_are_named(
     assert remark in found.markdown("a", "b")
 
 
-def test_the_limit_of_smallest_det_f_is_looser_where_it_is_lower(tmp_path: Path) -> None:
-    for name, limit in (("a.json", 0.2), ("b.json", 0.1)):
-        about = check("smallest_det_f", 0.5, "passed", against="candidate", limit=limit)
-        written(tmp_path, name, lambda case, about=about: case.update(checks=[about]))
-    (_, line) = compare_runs(tmp_path / "a.json", tmp_path / "b.json").remarks
-    assert line.endswith("(looser).")
-
-
-def test_an_answer_that_lost_its_number_is_told(tmp_path: Path) -> None:
-    found = compared(tmp_path, lambda case: case["checks"][0].update(value=None))
-    assert changes(found)["displacement_l2 (truth, green)"] == "changed"
-
-
-def test_the_command_writes_the_table_and_ends_as_it_found(tmp_path: Path) -> None:
+def test_the_command_writes_the_table_and_ends_as_it_found(
+    tmp_path: Path, palpate_run: Any
+) -> None:
     first, second = written(tmp_path, "a.json"), written(tmp_path, "b.json", make_worse)
     table = tmp_path / "table.md"
-    words = ["compare-runs", str(first), str(second), "--summary", str(table)]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == ExitCode.FAILED, done.output
-    assert "worse" in done.output
+    done = palpate_run("compare-runs", first, second, "--summary", table)
+    assert done.returncode == ExitCode.FAILED, done.stderr
+    assert "worse" in done.stdout
     assert "worse" in table.read_text("utf-8")
-    assert CliRunner().invoke(app, ["compare-runs", str(first), str(first)]).exit_code == 0
+    assert palpate_run("compare-runs", first, first).returncode == 0
+
+
+# --------------------------------------------------------------------------- files that are none
+REMOVED = object()
+ODD: list[Any] = [REMOVED, None, True, "text", -1, 1e300, [], {}, [1, 2], {"a": {"b": []}}]
+Keys = tuple[str | int, ...]
 
 
 @pytest.fixture(scope="module")
-def judged() -> str:
+def judged() -> Any:
     """The results.json of a case that was judged."""
-    return results_json([judge_case(load_case("block"))], "1")
+    return json.loads(results_json([judge_case(case_of("block"))], "1"))
 
 
-def places(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Every place of a document, at any depth."""
-    yield place
+def paths(value: Any, keys: Keys = ()) -> Iterator[Keys]:
+    """The keys to every value of a document, at any depth."""
+    yield keys
     if isinstance(value, dict | list):
         for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from places(inner, (*place, key))
+            yield from paths(inner, (*keys, key))
 
 
-def changed(document: Any, place: tuple[str | int, ...], value: Any) -> Any:
-    """With another value at a place; without it where the value is `places`."""
-    if not place:
-        return value
+def changed(document: Any, keys: Keys, value: Any) -> str:
+    """The document with another value there, or without it."""
+    if not keys:
+        return json.dumps(value)
     copied = copy.deepcopy(document)
     holder = copied
-    for key in place[:-1]:
+    for key in keys[:-1]:
         holder = holder[key]
-    if value is places:
-        del holder[place[-1]]
+    if value is REMOVED:
+        del holder[keys[-1]]
     else:
-        holder[place[-1]] = value
-    return copied
+        holder[keys[-1]] = value
+    return json.dumps(copied)
 
 
-def test_any_key_missing_or_of_any_other_kind_is_told_or_harmless(
-    tmp_path: Path, judged: str
+def test_any_key_missing_or_of_any_other_kind_is_refused_or_harmless(
+    tmp_path: Path, judged: Any
 ) -> None:
-    document = json.loads(judged)
     path, refused = tmp_path / "other.json", 0
-    (tmp_path / "whole.json").write_text(judged, encoding="utf-8")
-    for place in places(document):
-        for value in [places, *ODD] if place else ODD:
-            path.write_text(json.dumps(changed(document, place, value)), encoding="utf-8")
+    (tmp_path / "whole.json").write_text(json.dumps(judged), encoding="utf-8")
+    for keys in paths(judged):
+        for value in ODD if keys else ODD[1:]:
+            path.write_text(changed(judged, keys, value), encoding="utf-8")
             try:
                 compare_runs(tmp_path / "whole.json", path).markdown("a", "b")
             except FileFormatError:
@@ -189,7 +187,7 @@ def test_any_key_missing_or_of_any_other_kind_is_told_or_harmless(
 
 
 @pytest.mark.parametrize(
-    ("place", "value"),
+    ("keys", "value"),
     [
         (("schema",), True),
         (("schema",), "1"),
@@ -202,18 +200,17 @@ def test_any_key_missing_or_of_any_other_kind_is_told_or_harmless(
         (("cases", 0, "checks", 0, "value"), [1.0]),
         (("cases", 0, "checks", 0, "verdict"), 1),
         (("cases", 0, "checks", 0, "metric"), None),
-        (("cases", 0, "checks", 0, "limit"), places),
-        (("cases", 0, "checks"), places),
-        (("cases", 0, "name"), places),
+        (("cases", 0, "checks", 0, "limit"), REMOVED),
+        (("cases", 0, "checks"), REMOVED),
+        (("cases", 0, "name"), REMOVED),
     ],
 )
-def test_the_place_of_what_is_wrong_is_told(
-    tmp_path: Path, judged: str, place: tuple[str | int, ...], value: Any
+def test_the_key_of_what_is_wrong_is_named(
+    tmp_path: Path, judged: Any, keys: Keys, value: Any
 ) -> None:
-    document = json.loads(judged)
     path = tmp_path / "run.json"
-    path.write_text(json.dumps(changed(document, place, value)), encoding="utf-8")
-    with pytest.raises(FileFormatError, match=str(place[-1])):
+    path.write_text(changed(judged, keys, value), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=str(keys[-1])):
         read_run(path)
 
 
