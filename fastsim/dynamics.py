@@ -85,7 +85,7 @@ def simulate(
 
     M a'' + D a' + R(a) = s(t) F with lumped M and D = mass_damping M (eq. 11), by eq. 12
     (corrected: see core/explicit/central_difference.hpp) from the start-up value of eq. 13.
-    Stiffness damping adds the forces of a viscous stress to R: see `viscosity`.
+    Stiffness damping adds the forces of a viscous stress to R: see `viscous_force`.
 
     Args:
         problem: With `time` set; its `time_step` None takes 0.8 of the critical one, which

@@ -12,12 +12,16 @@ from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactLaw
-from palpate.fastsim.contact.explicit_tools import TOOL_RECORD, ExplicitTools
-from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.contact.explicit_tools import TOOL_RECORD, TOOL_STEP, ExplicitTools
+from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.fastsim.explicit_loads import ExplicitLoads, ExplicitSprings
 from palpate.fastsim.explicit_run import make_run
-from palpate.fastsim.explicit_state import EquationOfMotion, ExplicitState
-from palpate.fastsim.explicit_time_step import bound_step, critical_with_springs, divided
+from palpate.fastsim.explicit_time_step import (
+    bound_step,
+    critical_with_springs,
+    divided,
+    viscous_force,
+)
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -28,6 +32,12 @@ SAFETY = 0.8
 _BOUND_IN_SIZES = 1e3
 # The core is left about so often, so that Ctrl-C works [s].
 _BREATH = 0.5
+_REASONS = {
+    _core.StopReason.inverted_cell: "a cell inverted",
+    _core.StopReason.out_of_bounds: "a displacement left all bounds",
+    _core.StopReason.energy_growth: "energy grew from nothing",
+    _core.StopReason.deep_in_tool: "a vertex moved so fast or deep that it may pass through a tool",
+}
 
 
 class Precision(StrEnum):
@@ -43,7 +53,7 @@ class ExplicitBody:
     Args:
         problem: Mesh, material, supports, loads and tools. Its time span, if any, sets the step,
             the damping and the spacing of outputs; without one there is no damping. Stiffness
-            damping acts on the change of strain over the step before: see `viscosity`.
+            damping acts on the change of strain over the step before: see `viscous_force`.
         strain: Engineering or finite strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: To start from; see `set_state`. None is rest.
@@ -127,22 +137,20 @@ class ExplicitBody:
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         chosen = span.time_step if time_step is None and span is not None else time_step
         is_timed = span is not None and mass is None
-        stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
+        self._stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
         critical = np.inf
         if mass is None:
             critical = critical_with_springs(self.elastic, self._loads.springs, chosen)
-        bound = bound_step(
+        self.critical_time_step, self.tools, self._body_contact = bound_step(
             problem,
             self._mass,
             critical,
             time_step=chosen,
-            stiffness_damping=stiffness_damping,
+            stiffness_damping=self._stiffness_damping,
             contact=contact,
             body_contact=body_contact,
             tools=tools,
         )
-        self.tools, self._body_contact = bound.tools, bound.body_contact
-        self.critical_time_step = bound.critical_time_step
         if chosen is not None and chosen > self.critical_time_step:
             raise UnstableStepError(chosen, self.critical_time_step)
         wanted = SAFETY * self.critical_time_step if chosen is None else chosen
@@ -150,20 +158,17 @@ class ExplicitBody:
         if span is not None and time_step is None:
             self.time_step, self.steps_per_output = divided(span, wanted)
         mass_damping = span.mass_damping if span and is_timed else 0.0
-        scheme = _core.CentralDifference(self.time_step, mass_damping)
-        self._equation = EquationOfMotion(
-            self.elastic, self._mass, self._loads, scheme, stiffness_damping
-        )
+        self._scheme = _core.CentralDifference(self.time_step, mass_damping)
         self.run = make_run(
             problem,
             self.elastic,
             self._mass,
             self._loads.is_free,
-            scheme=scheme,
+            scheme=self._scheme,
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
             is_single=precision is Precision.SINGLE,
             tracks_energy=tracks_energy,
-            stiffness_damping=stiffness_damping,
+            stiffness_damping=self._stiffness_damping,
             num_threads=num_threads,
             device=device,
             is_repeatable=is_repeatable,
@@ -173,18 +178,19 @@ class ExplicitBody:
             self.tools.attach(self.run, self.time_step, is_timed=mass is None)
         if self._body_contact is not None:
             self._body_contact.attach(self.run)
-        self._state = ExplicitState(self.elastic, self._mass, self.run, self.time_step)
+        # The state as last read from the run, and the positions of tools at the last look.
+        self._displacement, self._increment = np.zeros((2, *mesh.points.shape))
+        self._read_only = self._displacement.view()
+        self._read_only.flags.writeable = False
+        self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
+        self.steps = 0
+        self._is_read, self._is_looked_at = True, False
         self._goals: dict[int, tuple[list[float], list[float] | None]] = {}
         self._pace = 1e-4
         if velocity is None and problem.initial_velocity is not None:
             velocity = problem.initial_velocity.at(mesh.points)
         at_rest = np.zeros_like(mesh.points)
         self.set_state(at_rest if displacement is None else displacement, velocity)
-
-    @property
-    def steps(self) -> int:
-        """Number of accepted time steps since the start."""
-        return self._state.steps
 
     @property
     def instruction_set(self) -> str:
@@ -202,8 +208,15 @@ class ExplicitBody:
 
         Read-only, and always the same array, which is updated when it is asked for after a step.
         """
-        self._state.read()
-        return self._state.read_only
+        self._read()
+        return self._read_only
+
+    def _read(self) -> tuple[Points, Points]:
+        """Displacement and the increment that led to it [m], always the same two arrays."""
+        if not self._is_read:
+            self.run.get_state(self._displacement, self._increment)
+            self._is_read = True
+        return self._displacement, self._increment
 
     def set_state(self, displacement: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Start from a state, at time 0 (eq. 13).
@@ -224,8 +237,17 @@ class ExplicitBody:
             speed = self._loads.keep_free(self.elastic.checked(velocity))
         if self.tools is not None:
             self.tools.start(placed)
-        increment, energy = self._equation.start(placed, speed)
-        self._state.start(placed, increment, energy)
+        # Eq. 13: a(-dt) = a - dt v + dt^2 / 2 a''.
+        dt, mass = self.time_step, self._mass[:, None]
+        force = self._net_force(self._loads.at(0.0, placed), placed, dt * speed)
+        acceleration = force / mass - self._scheme.mass_damping * speed
+        increment = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
+        energy = self.elastic.strain_energy(placed)
+        energy += 0.5 * float(np.sum(mass * speed**2))
+        self.steps = 0
+        self._displacement[:], self._increment[:] = placed, increment
+        self.run.set_state(self._displacement, self._increment, energy)
+        self._is_read, self._is_looked_at = True, False
 
     def step(self, num_steps: int = 1) -> None:
         """Make steps of eq. 12.
@@ -252,8 +274,12 @@ class ExplicitBody:
         Raises:
             BlowUpError: The last step inverted a cell.
         """
-        if not self._state.is_looked_at:
-            self._state.look(*self.rows(1))
+        if not self._is_looked_at:
+            factors, tools = self.rows(1)
+            outcome = self.run.look(factors, tools)
+            self._is_looked_at = True
+            self._count(*outcome)
+            self._tool_steps = tools[0].view(TOOL_STEP)
 
     def apply_force(self, force: ArrayLike, *, points: ArrayLike | None = None) -> None:
         """Apply forces besides the problem's loads, from now on.
@@ -268,7 +294,7 @@ class ExplicitBody:
             InputError: Wrong shape, no such point, or a value that is not finite.
         """
         self._loads.apply(self.run, force, points)
-        self._state.disturb()
+        self._is_looked_at = False
 
     def move_tool(
         self, number: int, position: ArrayLike, rotation: ArrayLike | None = None
@@ -299,7 +325,7 @@ class ExplicitBody:
         goals, self._goals = self._goals, {}
         end = (self.steps + num_steps) * self.time_step
         self.tools.send(goals, self.time, end)
-        self._state.disturb()
+        self._is_looked_at = False
 
     @property
     def mass(self) -> Floats:
@@ -314,12 +340,12 @@ class ExplicitBody:
     def change_springs(self, springs: ExplicitSprings) -> None:
         """Replace the springs from now on; the caller checks that they are not too stiff."""
         self._loads.change_springs(self.run, springs)
-        self._state.disturb()
+        self._is_looked_at = False
 
     def tool_steps(self) -> NDArray[np.void]:
         """Present poses on the tools' paths, shape (num_tools,) of `TOOL_STEP`."""
         self.look()
-        return self._state.tool_steps
+        return self._tool_steps
 
     def take_tool_records(self) -> NDArray[np.void]:
         """Loads on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses restart from zero."""
@@ -338,12 +364,15 @@ class ExplicitBody:
 
     def velocity(self) -> Points:
         """Central velocity at the present state [m/s]: the mean of the two increments."""
-        force = self.force()
-        return self._equation.velocity(self._state.read()[1], force, self.time)
+        force, increment = self.force(), self._read()[1]
+        ahead = self._scheme.next_increments(increment, self._mass, force)
+        ahead = self._loads.moved(ahead, self.time, self.time + self.time_step)
+        speed: Points = (increment + ahead) / (2.0 * self.time_step)
+        return speed
 
     def load(self) -> Points:
         """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""
-        load: Points = self._loads.at(self.time, self._state.read()[0])
+        load: Points = self._loads.at(self.time, self._read()[0])
         if self.tools is not None or self._body_contact is not None:
             self.look()
             touching = np.empty_like(load)
@@ -356,21 +385,58 @@ class ExplicitBody:
 
         That of stiffness damping is in R(a).
         """
-        load = self.load()
-        return self._equation.force(load, *self._state.read())
+        return self._net_force(self.load(), *self._read())
+
+    def _net_force(self, load: Points, displacement: Points, increment: Points) -> Points:
+        """F - R(a) [N] of loads F, displacement a and the increment that led to it."""
+        force: Points = load - self.elastic.internal_force(displacement)
+        if self._stiffness_damping:
+            factor = self._stiffness_damping / self.time_step
+            force -= viscous_force(self.elastic, displacement, increment, factor)
+        return force
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""
-        self._equation.scheme = _core.CentralDifference(self.time_step, mass_damping)
+        self._scheme = _core.CentralDifference(self.time_step, mass_damping)
         self.run.set_mass_damping(mass_damping)
-        self._state.disturb()
+        self._is_looked_at = False
 
     def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
         """Record `steps_done` that `run` has made; raises as `step` does.
 
         `reason` and `point`, as returned by the core's run, state what ended them, and where.
         """
-        self._state.moved(steps_done, reason, point)
+        self._is_read = self._is_looked_at = False
+        self._count(steps_done, reason, point)
+
+    def _count(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
+        """Count the steps of a call of the run; raise if something ended them early."""
+        self.steps += steps_done
+        if reason is not _core.StopReason.none:
+            self._is_read = False
+            raise self._blow_up(reason, point)
+
+    def _blow_up(self, reason: _core.StopReason, point: int) -> BlowUpError:
+        """The error that states what happened, in which cell, and what to change."""
+        body, mesh = self.elastic, self.elastic.mesh
+        displacement, increment = self._read()
+        smallest, cell = body.smallest_det_f(displacement)
+        if reason is _core.StopReason.inverted_cell:
+            # The bad state is one increment ahead of the last good one.
+            cell = body.smallest_det_f(displacement + increment)[1]
+        elif point >= 0:
+            cell = int(np.flatnonzero((mesh.cells == point).any(axis=1))[0])
+        return BlowUpError(
+            _REASONS[reason],
+            step=self.steps,
+            time=self.time,
+            cell=cell,
+            place=tuple(float(x) for x in mesh.points[mesh.cells[cell]].mean(axis=0)),
+            smallest_det_f=smallest,
+            displacement=displacement.copy(),
+            time_step=self.time_step,
+            critical_time_step=body.critical_time_step(displacement=displacement, mass=self._mass),
+        )
 
     def rows(self, num_steps: int) -> tuple[Points, Points]:
         """Factors of the histories and steps of the tools, before each step and after the last."""

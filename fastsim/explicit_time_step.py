@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,21 +14,6 @@ from palpate.fastsim.explicit_loads import ExplicitSprings, pulling_at_once
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem, Strain, TimeSpan
-
-
-@dataclass(frozen=True)
-class StepBound:
-    """The longest stable step, and the contact that was made stiff enough for it.
-
-    Attributes:
-        critical_time_step: With contact and stiffness damping [s].
-        tools: The rigid tools; None without any.
-        body_contact: Contact of the body with itself; None where it has none.
-    """
-
-    critical_time_step: float
-    tools: ExplicitTools | None
-    body_contact: BodyContact | None
 
 
 def critical_with_springs(body: Body, springs: ExplicitSprings, time_step: float | None) -> float:
@@ -62,18 +46,22 @@ def bound_step(
     contact: ContactLaw | None,
     body_contact: ContactLaw | None,
     tools: ExplicitTools | None,
-) -> StepBound:
-    """Bound the step by stiffness damping and contact too.
+) -> tuple[float, ExplicitTools | None, BodyContact | None]:
+    """The longest stable step with damping and contact, which is made stiff enough for it.
 
     Args:
         problem: With tools, if any.
         mass: Lumped [kg], shape (num_points,).
         critical_time_step: Of the body and its springs [s]; infinite where none is known.
         time_step: Chosen step [s], or None.
-        stiffness_damping: beta [s], >= 0; see `viscosity`.
+        stiffness_damping: beta [s], >= 0; see `viscous_force`.
         contact: How contact is enforced; see `ExplicitTools`.
         body_contact: A penalty for bodies that touch each other or themselves, or None.
         tools: Prepared before, and then without effect on the step; None prepares them.
+
+    Returns:
+        The critical step [s], the rigid tools and the contact of the body with itself, each None
+        where there is none.
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
@@ -94,7 +82,7 @@ def bound_step(
         critical = touching.critical_time_step
     if not is_stiffened:
         critical = damped_time_step(critical, stiffness_damping)
-    return StepBound(critical, tools, touching)
+    return critical, tools, touching
 
 
 def divided(span: TimeSpan, wanted: float) -> tuple[float, int]:

@@ -15,13 +15,13 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.gpu.device_arrays import BodyData, MeshArrays, scheme_arrays
+from palpate.fastsim.gpu.device_arrays import BodyData, load_arrays, scheme_arrays
 from palpate.fastsim.gpu.devices import load_warp, warp_name
 from palpate.fastsim.gpu.kernels.stepping import NONE
 from palpate.fastsim.gpu.launches import BLOCK, Launches
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element
 
 _REASONS = tuple(_core.StopReason)
 _TOOL_STEP = 13  # numbers
@@ -88,17 +88,13 @@ class BatchRun:
         kinds, moduli = moduli_of([b.body for b in bodies])
         wp = load_warp(device)
         self._wp, self._bodies = wp, list(bodies)
-        self.device, self.precision = device, precision
-        gradients = first.shape_gradients[:, 1:]
-        is_smoothed = first.element is Element.SMOOTHED
         self.launches = Launches(
             wp,
             warp_name(device),
             precision,
             bodies,
-            MeshArrays.of(first.mesh, gradients, kinds, is_smoothed=is_smoothed),
+            kinds,
             moduli,
-            is_green=first.strain is Strain.GREEN,
             is_atomic=not is_repeatable,
             tracks_energy=tracks_energy,
         )
@@ -108,52 +104,6 @@ class BatchRun:
 
     def __len__(self) -> int:
         return len(self._bodies)
-
-    def set_state(self, body: int, displacement: Points, increment: Points, energy: float) -> None:
-        """Start a body afresh. `energy` is that of the state [J], for the monitor."""
-        m, held = self.launches.motion, self._bodies[body].is_free == 0
-        start = np.where(held, 0.0, increment)
-        for name, rows in (
-            ("displacement", displacement), ("good_displacement", displacement),
-            ("counted", displacement), ("increment", start), ("good_increment", start),
-        ):  # fmt: skip
-            getattr(m, name)[body].assign(rows)
-        for name in ("pressure", "touch", "force", "external", "given"):
-            getattr(m, name)[body].zero_()
-        m.at_start[body : body + 1].fill_(energy)
-        for name in ("begun", "open_sums"):
-            getattr(m, name)[body : body + 1].zero_()
-        if (t := self.launches.tools) is not None:
-            for name in ("begins", "is_known", "impulses", "increments", "offsets"):
-                getattr(t, name)[body].zero_()
-        if (b := self.launches.balance) is not None:
-            for array in (b.kinetic, b.work, b.loss):
-                array[body].zero_()
-
-    def set_dead_load(self, body: int, history: int, forces: Points) -> None:
-        """Replace the dead loads of a history [N]."""
-        self._bodies[body].dead[history] = forces.copy()
-        loads = self.launches.loads
-        if history in loads.numbers:
-            loads.dead[body][loads.numbers.index(history)].assign(forces)
-        elif forces.any():
-            from palpate.fastsim.gpu.device_arrays import load_arrays
-
-            self.launches.loads = load_arrays(self.launches.make, self._bodies)
-            self._graphs = {}
-
-    def set_mass_damping(self, body: int, mass_damping: float) -> None:
-        """Change D = mass_damping M [1/s]."""
-        self._bodies[body].mass_damping = mass_damping
-        new, old = scheme_arrays(self.launches.make, self._bodies), self.launches.scheme
-        for name, array in vars(new).items():
-            self._wp.copy(getattr(old, name), array)
-
-    def get_state(self, body: int, displacement: Points, increment: Points) -> None:
-        """Copy a body's state into arrays of the caller's."""
-        m = self.launches.motion
-        displacement[:] = m.displacement[body].numpy()
-        increment[:] = m.increment[body].numpy()
 
     def advance(self, plans: Sequence[Plan]) -> list[Outcome]:
         """The steps of each body's plan, or fewer if it leaves its bounds."""
@@ -192,67 +142,48 @@ class BatchRun:
             found.append(Outcome(steps, reason, -1))
         return found
 
-    def internal_force(self, body: int) -> Points:
-        """R(a) as computed by the kernels [N], shape (num_points, 3)."""
+    def find_internal_forces(self) -> None:
+        """Compute R(a) of all bodies into `force`, by the kernels."""
         self._begin(np.ones(len(self), dtype=np.int32))
         self.launches.find_internal_force()
-        force: Points = self.launches.motion.force[body].numpy().astype(np.float64)
-        return force
 
-    def contact_force(self, body: int) -> Points:
-        """Force of the tools on the points [N], shape (num_points, 3)."""
-        force: Points = self.launches.motion.touch[body].numpy().astype(np.float64)
-        return force
+    def renew_scheme(self) -> None:
+        """Compute anew what depends on the damping of the bodies."""
+        new, old = scheme_arrays(self.launches.make, self._bodies), self.launches.scheme
+        for name, array in vars(new).items():
+            self._wp.copy(getattr(old, name), array)
 
-    def energies(self, body: int) -> tuple[float, float, float]:
-        """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
-        if (b := self.launches.balance) is None:
-            return 0.0, 0.0, 0.0
-        kinetic = float(b.kinetic[body].numpy().sum())
-        return (
-            kinetic,
-            float(b.work[body].numpy()[:, 0].sum()),
-            float(b.loss[body].numpy()[:, 0].sum()),
-        )
-
-    def take_tool_records(self, body: int) -> Floats:
-        """Loads on the tools, (num_tools, 11) as the core's; impulses restart from zero."""
-        if (t := self.launches.tools) is None:
-            return np.zeros((0, 11))
-        records: Floats = np.column_stack(
-            [
-                t.forces[body].numpy(), t.moments[body].numpy(), t.impulses[body].numpy(),
-                t.offsets[body].numpy(), t.gaps[body].numpy(),
-            ]
-        )  # fmt: skip
-        t.impulses[body].zero_()
-        return records
+    def add_history(self) -> None:
+        """Make the arrays of dead loads anew, for a history that had none in any body."""
+        self.launches.replace(loads=load_arrays(self.launches.make, self._bodies))
+        self._graphs = {}
 
     def _upload(self, plans: Sequence[Plan]) -> None:
         """Upload the rows of all plans, stacked; when buffers grow, the graphs are discarded."""
         rows = max(len(plan.factors) for plan in plans)
         histories = max(plan.factors.shape[1] for plan in plans)
         num_tools = 0 if self.launches.tools is None else self.launches.tools.count
-        many, make = len(self), self.launches.make
+        many, make, common = len(self), self.launches.make, self.launches.common
         if rows > self._room:
             self._room = max(rows, 2 * self._room, BLOCK + 1)
             shape = (many, self._room, histories)
-            self.launches.factors = make.zeros(shape, make.real)
-            self.launches.changes = make.zeros(shape, make.real)
-            steps = (many, self._room, num_tools)
             vec13 = self._wp.types.vector(_TOOL_STEP, self._wp.float64)
-            self.launches.tool_steps = make.zeros(steps, vec13) if num_tools else None
+            self.launches.replace(
+                factors=make.zeros(shape, make.real),
+                changes=make.zeros(shape, make.real),
+                tool_steps=make.zeros((many, self._room, num_tools), vec13),
+            )
             self._graphs = {}
         for body, plan in enumerate(plans):
             count, width = plan.factors.shape
             given, ahead = np.zeros((2, count, histories))
             given[:, :width] = plan.factors
             ahead[:-1, :width] = np.diff(plan.factors, axis=0)
-            self.launches.factors[body][:count].assign(given)
-            self.launches.changes[body][:count].assign(ahead)
+            common.factors[body][:count].assign(given)
+            common.changes[body][:count].assign(ahead)
             if num_tools:
                 steps_of = plan.tools.reshape(-1, num_tools, _TOOL_STEP)
-                self.launches.tool_steps[body][:count].assign(steps_of)
+                common.tool_steps[body][:count].assign(steps_of)
 
     def _begin(self, counts: Indices) -> None:
         m = self.launches.motion

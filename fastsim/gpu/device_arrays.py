@@ -21,7 +21,7 @@ from palpate.fastsim.gpu.kernels.touching import CHUNK
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -29,7 +29,10 @@ from palpate.meshes.rigid_tool import (
     SphereShape,
     ToolShape,
 )
-from palpate.meshes.tet_mesh import TetMesh
+
+# Corners of the six edges of a cell, as core/mechanics/smoothing_patches.hpp.
+_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+_BITS = 10  # of the curve, along each axis
 
 
 class Maker:
@@ -50,43 +53,89 @@ class Maker:
         """An array of zeros."""
         return self.wp.zeros(shape, dtype=dtype, device=self.device)
 
-    def groups(self, groups: Groups) -> tuple[Any, Any]:
-        """Starts and members of groups."""
-        return self.array(groups.start, int), self.array(groups.members, int)
+    def groups(self, start: Indices, entries: NDArray[np.integer[Any]], **more: Any) -> Any:
+        """Entries of numbered groups: those of group k from start[k] to start[k + 1]."""
+        return SimpleNamespace(
+            count=len(start) - 1,
+            start=self.array(start, int),
+            entries=self.array(entries.astype(np.int32), int),
+            **more,
+        )
 
 
-def mesh_arrays(make: Maker, mesh: MeshArrays, num_bodies: int, *, is_atomic: bool) -> Any:
-    """Arrays for the forces of cells: the mesh, and values passed between launches."""
-    wp = make.wp
+def mesh_arrays(
+    make: Maker, body: Body, kinds: Indices, num_bodies: int, *, is_atomic: bool
+) -> Any:
+    """Arrays for the forces of cells: the mesh at rest, and values passed between launches.
+
+    Points keep the caller's numbers. Cells are sorted along Morton's curve through their centres,
+    so that neighbours in a launch share points in the cache.
+
+    Args:
+        make: Makes them.
+        body: Any one of the batch.
+        kinds: Of each cell, its row of the moduli.
+        num_bodies: Number of bodies.
+        is_atomic: Forces are added by atomic operations.
+    """
+    mesh = body.mesh
+    order = morton_order(mesh.points[mesh.cells].mean(axis=1))
+    corners = np.ascontiguousarray(mesh.cells[order], dtype=np.int32)
+    volumes, kinds = mesh.cell_volumes[order], kinds[order].astype(np.int32)
     found = SimpleNamespace(
-        corners=make.array(mesh.corners, wp.vec4i),
-        gradients=make.array(mesh.gradients, make.mat33),
-        volumes=make.array(mesh.volumes, make.real),
-        kinds=make.array(mesh.kinds, int),
-        num_kinds=int(mesh.kinds.max()) + 1,
+        count=len(corners),
+        corners=make.array(corners, make.wp.vec4i),
+        gradients=make.array(body.shape_gradients[order, 1:], make.mat33),
+        volumes=make.array(volumes, make.real),
+        kinds=make.array(kinds, int),
+        num_kinds=int(kinds.max()) + 1,
+        gather=make.groups(*group(corners, mesh.num_points)),
+        cell_forces=make.zeros((num_bodies, 0 if is_atomic else 4 * len(corners)), make.vec3),
         patches=None,
     )
-    found.gather = make.groups(mesh.gather)
-    count = 0 if is_atomic else 4 * len(mesh.corners)
-    found.cell_forces = make.zeros((num_bodies, count), make.vec3)
-    if mesh.patches is not None:
-        p = mesh.patches
-        found.patches = SimpleNamespace(
-            cell_edges=make.array(p.cell_edges, wp.types.vector(6, int)),
-            cell_nodes=make.array(p.cell_nodes, wp.vec4i),
-            edges=make.groups(p.edges),
-            nodes=make.groups(p.nodes),
-            edge_weights=make.array(p.edge_weights, make.real),
-            node_weights=make.array(p.node_weights, make.real),
-            edge_kinds=make.array(p.edge_kinds, int),
-            node_kinds=make.array(p.node_kinds, int),
-            num_edges=len(p.edge_weights),
-            num_nodes=len(p.node_weights),
-            strains=make.zeros((num_bodies, len(mesh.corners)), make.vec6),
-            stresses=make.zeros((num_bodies, len(p.edge_weights)), make.vec6),
-            pressures=make.zeros((num_bodies, len(p.node_weights)), make.real),
-        )
+    if body.element is Element.SMOOTHED:
+        found.patches = patch_arrays(make, corners, volumes, kinds, num_bodies)
     return found
+
+
+def patch_arrays(
+    make: Maker, corners: Indices, volumes: Floats, kinds: Indices, num_bodies: int
+) -> Any:
+    """Patches of the smoothed element: cells of one kind around each edge and node.
+
+    Weights are 1 / (36 V_e) for edges and 1 / (32 V_n) for nodes [1/m3]; times mu and the sum of
+    2 V_c E_c, and times lmbda and the sum of the traces.
+    """
+    ends = np.sort(corners[:, _EDGES], axis=2).reshape(-1, 2).astype(np.int64)
+    num_points, most = int(corners.max()) + 1, int(kinds.max()) + 1
+    edge_keys = (ends[:, 0] * num_points + ends[:, 1]) * most + np.repeat(kinds, 6)
+    node_keys = corners.reshape(-1).astype(np.int64) * most + np.repeat(kinds, 4)
+    (edges, cell_edges), (nodes, cell_nodes) = (
+        _patches(make, keys, width, factor, volumes, most)
+        for keys, width, factor in ((edge_keys, 6, 36.0), (node_keys, 4, 32.0))
+    )
+    return SimpleNamespace(
+        cell_edges=make.array(cell_edges, make.wp.types.vector(6, int)),
+        cell_nodes=make.array(cell_nodes, make.wp.vec4i),
+        edges=edges,
+        nodes=nodes,
+        strains=make.zeros((num_bodies, len(corners)), make.vec6),
+        stresses=make.zeros((num_bodies, edges.count), make.vec6),
+        pressures=make.zeros((num_bodies, nodes.count), make.real),
+    )
+
+
+def _patches(
+    make: Maker, keys: NDArray[np.int64], width: int, factor: float, volumes: Floats, most: int
+) -> tuple[Any, Indices]:
+    """Cells, weights and kinds of the patches with these keys, and those of each cell."""
+    names, numbers = np.unique(keys, return_inverse=True)
+    numbers = numbers.reshape(-1, width).astype(np.int32)
+    start, entries = group(numbers, len(names))
+    of_patch = np.bincount(numbers.reshape(-1), np.repeat(volumes / width, width))
+    weights = make.array(1.0 / (factor * of_patch), make.real)
+    kinds = make.array((names % most).astype(np.int32), int)
+    return make.groups(start, entries // width, weights=weights, kinds=kinds), numbers
 
 
 def motion_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
@@ -154,15 +203,15 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         pressures[k, start : start + counts[k]] = body.pressures
         histories[k, start : start + counts[k]] = body.pressure_histories
     pressed, numbers = np.unique(facets, return_inverse=True)
-    places = Groups.of(numbers, len(pressed))
+    start, corners = group(numbers, len(pressed))
     return SimpleNamespace(
-        pressed=pressed,
+        on=pressed,
+        count=len(facets),
         points=make.array(bodies[0].body.mesh.points, make.vec3),
         facets=make.array(facets, make.wp.vec3i),
         pressures=make.array(pressures, make.real),
         histories=make.array(histories, int),
-        on=make.array(pressed, int),
-        at=make.groups(Groups(places.start, (places.members // 3).astype(np.int32))),
+        at=make.groups(start, corners // 3, pressed=make.array(pressed, int)),
         shares=make.zeros((len(bodies), len(facets)), make.vec3),
     )
 
@@ -189,6 +238,7 @@ def support_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
     shape = (len(bodies), len(moving))
     flat = (len(bodies), len(moving) * terms, 3)
     return SimpleNamespace(
+        count=len(moving),
         moving=make.array(moving, int),
         num_terms=terms,
         values=make.array(of_values.reshape(flat), make.vec3),
@@ -217,6 +267,7 @@ def slide_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         directions[k, rows] = slides[1].reshape(-1, 2, 3)
         values[k, rows], histories[k, rows] = slides[2], slides[3]
     return SimpleNamespace(
+        count=len(points),
         points=make.array(points, int),
         directions=make.array(directions, make.vec3),
         values=make.array(values, make.real),
@@ -253,15 +304,15 @@ def tool_arrays(make: Maker, bodies: Sequence[BodyData], Tool: Any) -> Any | Non
             row.reach, row.deepest, row.mass = tool.reach, tool.deepest, tool.mass
             row.direction = wp.vec3d(*tool.direction)
             rows.append(row)
-    first = np.concatenate([[0], np.cumsum([len(t.vertices) for t in tools])]).tolist()
+    starts = np.concatenate([[0], np.cumsum([len(t.vertices) for t in tools])]).tolist()
     vertices = np.concatenate([t.vertices for t in tools])
     many, count, total = len(bodies), len(tools), len(vertices)
     stiffness = np.array([np.concatenate([t.stiffnesses for t in b.tools]) for b in bodies])
     most = max(1, -(-max(len(t.vertices) for t in tools) // CHUNK))
     return SimpleNamespace(
         count=count,
-        first=first,
-        touched=np.unique(vertices),
+        starts=starts,
+        on=np.unique(vertices),
         tools=wp.array(rows, dtype=Tool, device=make.device).reshape((many, count)),
         vertices=make.array(vertices, int),
         stiffness=make.array(stiffness, f64),
@@ -283,96 +334,13 @@ def tool_arrays(make: Maker, bodies: Sequence[BodyData], Tool: Any) -> Any | Non
     )
 
 
-def moduli_array(make: Maker, moduli: Floats) -> Any:
-    """Moduli lmbda and mu of each body and kind, shape (num_bodies, 2 num_kinds)."""
-    return make.array(moduli, make.real)
-
-
-# The mesh at rest as plain arrays for the kernels, shared by all bodies of a batch.
-#
-# Points keep the caller's numbers. Cells are sorted along Morton's curve through their centres, so
-# that neighbours in a launch share points in the cache.
-
-
-# Corners of the six edges of a cell, as core/mechanics/smoothing_patches.hpp.
-_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-_BITS = 10  # of the curve, along each axis
-
-
-@dataclass(frozen=True, eq=False)
-class Groups:
-    """Members of numbered groups, ascending: those of group k from start[k] to start[k + 1]."""
-
-    start: Indices
-    members: Indices
-
-    @classmethod
-    def of(cls, numbers: NDArray[np.signedinteger[Any]], count: int) -> Groups:
-        """Group the positions in `numbers` by the number there."""
-        flat = numbers.reshape(-1)
-        order = np.argsort(flat, kind="stable").astype(np.int32)
-        start = np.searchsorted(flat[order], np.arange(count + 1)).astype(np.int32)
-        return cls(start, order)
-
-
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Patches of the smoothed element: cells of one kind around each edge and node.
-
-    Attributes:
-        cell_edges, cell_nodes: Patches of each cell, shapes (num_cells, 6) and (num_cells, 4).
-        edges, nodes: Cells of each patch.
-        edge_weights: 1 / (36 V_e) [1/m3]; times mu and the sum of 2 V_c E_c.
-        node_weights: 1 / (32 V_n) [1/m3]; times lmbda and the sum of the traces.
-        edge_kinds, node_kinds: Kinds of the cells of each patch.
-    """
-
-    cell_edges: Indices
-    cell_nodes: Indices
-    edges: Groups
-    nodes: Groups
-    edge_weights: Floats
-    node_weights: Floats
-    edge_kinds: Indices
-    node_kinds: Indices
-
-
-@dataclass(frozen=True, eq=False)
-class MeshArrays:
-    """A mesh at rest, its cells in the order of the launches.
-
-    Attributes:
-        corners: Shape (num_cells, 4).
-        gradients: Of the shape functions of corners 1 to 3 [1/m], shape (num_cells, 3, 3).
-        volumes: [m3], shape (num_cells,).
-        kinds: Rows of the moduli, shape (num_cells,).
-        gather: Entries 4 cell + corner of each point.
-        patches: Patches of the smoothed element, else None.
-    """
-
-    corners: Indices
-    gradients: Floats
-    volumes: Floats
-    kinds: Indices
-    gather: Groups
-    patches: Patches | None
-
-    @classmethod
-    def of(
-        cls, mesh: TetMesh, gradients: Floats, kinds: Indices, *, is_smoothed: bool
-    ) -> MeshArrays:
-        """Arrays of a mesh, from gradients (num_cells, 3, 3) and kinds of cells in its order."""
-        order = morton_order(mesh.points[mesh.cells].mean(axis=1))
-        corners = np.ascontiguousarray(mesh.cells[order], dtype=np.int32)
-        volumes, kinds = mesh.cell_volumes[order], kinds[order].astype(np.int32)
-        return cls(
-            corners,
-            np.ascontiguousarray(gradients[order]),
-            volumes,
-            kinds,
-            Groups.of(corners, mesh.num_points),
-            make_patches(corners, volumes, kinds) if is_smoothed else None,
-        )
+def group(
+    numbers: NDArray[np.signedinteger[Any]], count: int
+) -> tuple[Indices, NDArray[np.integer[Any]]]:
+    """Positions in `numbers` grouped by the number there: where groups start, and members."""
+    flat = numbers.reshape(-1)
+    order = np.argsort(flat, kind="stable").astype(np.int32)
+    return np.searchsorted(flat[order], np.arange(count + 1)).astype(np.int32), order
 
 
 def morton_order(places: Floats) -> NDArray[np.int64]:
@@ -384,35 +352,6 @@ def morton_order(places: Floats) -> NDArray[np.int64]:
         for axis in range(3):
             code |= ((at[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(code, kind="stable")
-
-
-def make_patches(corners: Indices, volumes: Floats, kinds: Indices) -> Patches:
-    """Patches of cells with corners (n, 4), volumes [m3] and kinds (n,)."""
-    ends = np.sort(corners[:, _EDGES], axis=2).reshape(-1, 2).astype(np.int64)
-    num_points = int(corners.max()) + 1
-    most = int(kinds.max()) + 1
-    edge_keys = (ends[:, 0] * num_points + ends[:, 1]) * most + np.repeat(kinds, 6)
-    node_keys = corners.reshape(-1).astype(np.int64) * most + np.repeat(kinds, 4)
-    found = []
-    for keys, width in ((edge_keys, 6), (node_keys, 4)):
-        names, numbers = np.unique(keys, return_inverse=True)
-        numbers = numbers.reshape(-1, width).astype(np.int32)
-        places = Groups.of(numbers, len(names))
-        share = np.bincount(numbers.reshape(-1), np.repeat(volumes / width, width))
-        kinds_of = (names % most).astype(np.int32)
-        cells = Groups(places.start, (places.members // width).astype(np.int32))
-        found.append((numbers, cells, share, kinds_of))
-    (cell_edges, edges, of_edges, edge_kinds), (cell_nodes, nodes, of_nodes, node_kinds) = found
-    return Patches(
-        cell_edges,
-        cell_nodes,
-        edges,
-        nodes,
-        1.0 / (36.0 * of_edges),
-        1.0 / (32.0 * of_nodes),
-        edge_kinds,
-        node_kinds,
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,26 +78,51 @@ class DeviceRun:
         """Run in a batch of several, as one of them."""
         self._batch, self._number = batch, number
         if self._start is not None:
-            batch.set_state(number, *self._start)
+            self.set_state(*self._start)
             self._start = None
 
     def set_state(self, displacement: Points, increment: Points, energy: float) -> None:
-        """See `BatchRun.set_state`."""
+        """Start afresh. `energy` is that of the state [J], for the monitor."""
         if self._batch is None:
             self._start = (displacement.copy(), increment.copy(), energy)
-        else:
-            self._batch.set_state(self._number, displacement, increment, energy)
+            return
+        launches, k = self._batch.launches, self._number
+        m, start = launches.motion, np.where(self.data.is_free == 0, 0.0, increment)
+        for name, rows in (
+            ("displacement", displacement), ("good_displacement", displacement),
+            ("counted", displacement), ("increment", start), ("good_increment", start),
+        ):  # fmt: skip
+            getattr(m, name)[k].assign(rows)
+        for name in ("pressure", "touch", "force", "external", "given"):
+            getattr(m, name)[k].zero_()
+        m.at_start[k : k + 1].fill_(energy)
+        for name in ("begun", "open_sums"):
+            getattr(m, name)[k : k + 1].zero_()
+        if (t := launches.tools) is not None:
+            for name in ("begins", "is_known", "impulses", "increments", "offsets"):
+                getattr(t, name)[k].zero_()
+        if (b := launches.balance) is not None:
+            for array in (b.kinetic, b.work, b.loss):
+                array[k].zero_()
 
     def get_state(self, displacement: Points, increment: Points) -> None:
         """Copy the state into arrays of the caller's."""
-        self.batch.get_state(self._number, displacement, increment)
+        self._read("displacement", displacement)
+        self._read("increment", increment)
+
+    def _read(self, name: str, target: Points) -> None:
+        target[:] = getattr(self.batch.launches.motion, name)[self._number].numpy()
 
     def set_dead_load(self, history: int, forces: Points) -> None:
-        """Forces of a history [N]."""
+        """Forces of a history [N]; they replace those set before."""
+        self.data.dead[history] = forces.copy()
         if self._batch is None:
-            self.data.dead[history] = forces.copy()
-        else:
-            self._batch.set_dead_load(self._number, history, forces)
+            return
+        loads = self._batch.launches.loads
+        if history in loads.numbers:
+            loads.dead[self._number][loads.numbers.index(history)].assign(forces)
+        elif forces.any():
+            self._batch.add_history()
 
     def set_pressure(
         self,
@@ -138,7 +163,7 @@ class DeviceRun:
         """Change D = mass_damping M [1/s]."""
         self.data.mass_damping = mass_damping
         if self._batch is not None:
-            self._batch.set_mass_damping(self._number, mass_damping)
+            self._batch.renew_scheme()
 
     def add_tool(
         self,
@@ -191,15 +216,23 @@ class DeviceRun:
 
     def energies(self) -> tuple[float, float, float]:
         """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
-        return self.batch.energies(self._number)
+        if (b := self.batch.launches.balance) is None:
+            return 0.0, 0.0, 0.0
+        kinetic, work, loss = (a[self._number].numpy() for a in (b.kinetic, b.work, b.loss))
+        return float(kinetic.sum()), float(work[:, 0].sum()), float(loss[:, 0].sum())
 
     def take_tool_records(self) -> Floats:
-        """Loads on the tools; impulses restart from zero."""
-        return self.batch.take_tool_records(self._number)
+        """Loads on the tools, (num_tools, 11) as the core's; impulses restart from zero."""
+        if (t := self.batch.launches.tools) is None:
+            return np.zeros((0, 11))
+        arrays = (t.forces, t.moments, t.impulses, t.offsets, t.gaps)
+        records: Floats = np.column_stack([array[self._number].numpy() for array in arrays])
+        t.impulses[self._number].zero_()
+        return records
 
     def get_contact_force(self, force: Points) -> None:
         """Copy the force of the tools on the points [N]."""
-        force[:] = self.batch.contact_force(self._number)
+        self._read("touch", force)
 
     def self_overlap(self) -> tuple[int, float]:
         """None: see `set_self_contact`."""
@@ -207,4 +240,5 @@ class DeviceRun:
 
     def internal_force(self, force: Points) -> None:
         """Copy R(a) as computed by the kernels [N]."""
-        force[:] = self.batch.internal_force(self._number)
+        self.batch.find_internal_forces()
+        self._read("force", force)

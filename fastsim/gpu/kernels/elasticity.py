@@ -11,11 +11,11 @@ from typing import Any
 from palpate.fastsim.gpu.kernels.kit import Kit
 
 
-def make_formulas(kit: Kit) -> tuple[Any, Any, Any]:
-    """H of a cell, twice its strain, and the first Piola-Kirchhoff stress of S."""
-    wp, module, vec3, mat33 = kit.wp, kit.module, kit.vec3, kit.mat33
+def make_formulas(kit: Kit) -> tuple[Any, Any, Any, Any]:
+    """H of a cell, twice its strain, P of its S, and its corners' forces put where they go."""
+    wp, vec3, mat33 = kit.wp, kit.vec3, kit.mat33
 
-    @wp.func(module=module)
+    @kit.func
     def gradient_of(
         displacement: wp.array2d(dtype=vec3), body: int, corners: wp.vec4i, gradients: mat33
     ):
@@ -28,28 +28,53 @@ def make_formulas(kit: Kit) -> tuple[Any, Any, Any]:
         )
         return edges * gradients
 
-    @wp.func(module=module)
+    @kit.func
     def twice_strain(h: mat33, is_green: int):
         e = h + wp.transpose(h)
         if is_green != 0:
             e += wp.transpose(h) * h
         return e
 
-    @wp.func(module=module)
+    @kit.func
     def first_stress(h: mat33, s: mat33, is_green: int):
         p = s
         if is_green != 0:
             p += h * s
         return p
 
-    return gradient_of, twice_strain, first_stress
+    @kit.func
+    def spread_forces(
+        f: mat33,
+        body: int,
+        cell: int,
+        c: wp.vec4i,
+        is_atomic: int,
+        cell_forces: wp.array2d(dtype=vec3),
+        force: wp.array2d(dtype=vec3),
+    ):
+        f1 = vec3(f[0, 0], f[1, 0], f[2, 0])
+        f2 = vec3(f[0, 1], f[1, 1], f[2, 1])
+        f3 = vec3(f[0, 2], f[1, 2], f[2, 2])
+        f0 = -(f1 + f2 + f3)
+        if is_atomic != 0:
+            wp.atomic_add(force, body, c[0], f0)
+            wp.atomic_add(force, body, c[1], f1)
+            wp.atomic_add(force, body, c[2], f2)
+            wp.atomic_add(force, body, c[3], f3)
+        else:
+            cell_forces[body, 4 * cell] = f0
+            cell_forces[body, 4 * cell + 1] = f1
+            cell_forces[body, 4 * cell + 2] = f2
+            cell_forces[body, 4 * cell + 3] = f3
+
+    return gradient_of, twice_strain, first_stress, spread_forces
 
 
 def make_det(kit: Kit) -> Any:
     """Det F of H."""
-    wp, real, mat33 = kit.wp, kit.real, kit.mat33
+    real, mat33 = kit.real, kit.mat33
 
-    @wp.func(module=kit.module)
+    @kit.func
     def det_of(h: mat33):
         one = real(1.0)
         a = h[0, 0] + one
@@ -64,13 +89,13 @@ def make_det(kit: Kit) -> Any:
     return det_of
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernel for linear tetrahedra, over bodies and cells."""
+def make(kit: Kit) -> None:
+    """Make the kernel for linear tetrahedra, over bodies and cells."""
     wp, real, vec3, mat33 = kit.wp, kit.real, kit.vec3, kit.mat33
-    gradient_of, twice_strain, first_stress = make_formulas(kit)
+    gradient_of, twice_strain, first_stress, spread_forces = make_formulas(kit)
     det_of = make_det(kit)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def force_cells(
         go: wp.array(dtype=int),
         displacement: wp.array2d(dtype=vec3),
@@ -101,22 +126,7 @@ def make(kit: Kit) -> dict[str, Any]:
         s = (moduli[body, 2 * kind + 1] * volume) * e
         s += wp.diag(vec3(spread, spread, spread))
         f = first_stress(h, s, is_green) * wp.transpose(g)
-        f1 = vec3(f[0, 0], f[1, 0], f[2, 0])
-        f2 = vec3(f[0, 1], f[1, 1], f[2, 1])
-        f3 = vec3(f[0, 2], f[1, 2], f[2, 2])
-        f0 = -(f1 + f2 + f3)
         # NaN counts as inverted: the comparison is false for it.
         if is_green != 0 and not det_of(h) > real(0.0):
             inverted[body] = 1
-        if is_atomic != 0:
-            wp.atomic_add(force, body, c[0], f0)
-            wp.atomic_add(force, body, c[1], f1)
-            wp.atomic_add(force, body, c[2], f2)
-            wp.atomic_add(force, body, c[3], f3)
-        else:
-            cell_forces[body, 4 * cell] = f0
-            cell_forces[body, 4 * cell + 1] = f1
-            cell_forces[body, 4 * cell + 2] = f2
-            cell_forces[body, 4 * cell + 3] = f3
-
-    return {"force_cells": force_cells}
+        spread_forces(f, body, cell, c, is_atomic, cell_forces, force)

@@ -5,8 +5,6 @@ monitor sums the work of loads and supports by magnitudes, point by point, which
 the work that the core counts.
 """
 
-from typing import Any
-
 from palpate.fastsim.gpu.kernels.kit import Kit
 from palpate.fastsim.gpu.kernels.stepping import ENERGY_GROWTH
 
@@ -14,18 +12,18 @@ from palpate.fastsim.gpu.kernels.stepping import ENERGY_GROWTH
 NUM_SUMS = 3
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernels over bodies and points, chunks or supports, and over bodies."""
+def make(kit: Kit) -> None:
+    """Make the kernels over bodies and points, chunks or supports, and over bodies."""
     wp, real, vec3 = kit.wp, kit.real, kit.vec3
     # As in core/explicit/energy.cpp, where it is said why.
     growth_limit = wp.constant(wp.float64(10.0))
     energy_growth = wp.constant(ENERGY_GROWTH)
 
-    @wp.func(module=kit.module)
+    @kit.func
     def double(v: vec3):
         return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def balance_points(
         go: wp.array(dtype=int),
         open_sums: wp.array(dtype=int),
@@ -74,7 +72,7 @@ def make(kit: Kit) -> dict[str, Any]:
         work[body, point] = w
         loss[body, point] = o
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def balance_supports(
         go: wp.array(dtype=int),
         open_sums: wp.array(dtype=int),
@@ -114,7 +112,7 @@ def make(kit: Kit) -> dict[str, Any]:
         work[body, point] = w
         loss[body, point] = o
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def balance_slides(
         go: wp.array(dtype=int),
         open_sums: wp.array(dtype=int),
@@ -137,13 +135,13 @@ def make(kit: Kit) -> dict[str, Any]:
                 w[1] = w[1] + half * wp.float64(ahead[body, s])
         work[body, points[k]] = w
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def open_balance(go: wp.array(dtype=int), begins: int, open_sums: wp.array(dtype=int)):
         body = wp.tid()
         if go[body] != 0:
             open_sums[body] = begins
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def sum_chunks(
         status: wp.array(dtype=int),
         num_chunks: int,
@@ -176,7 +174,7 @@ def make(kit: Kit) -> dict[str, Any]:
             furthest = wp.max(furthest, wp.float64(wp.max(wp.abs(place))))
         sums[body, chunk] = wp.vec3d(squared, total, furthest)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def judge_growth(
         num_chunks: int,
         sums: wp.array2d(dtype=wp.vec3d),
@@ -213,7 +211,7 @@ def make(kit: Kit) -> dict[str, Any]:
             status[body] = energy_growth
             go[body] = 0
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def keep_good(
         is_good: wp.array(dtype=int),
         increment: wp.array2d(dtype=vec3),
@@ -225,13 +223,3 @@ def make(kit: Kit) -> dict[str, Any]:
         if is_good[body] != 0:
             good_increment[body, point] = increment[body, point]
             good_displacement[body, point] = displacement[body, point]
-
-    return {
-        "balance_points": balance_points,
-        "balance_supports": balance_supports,
-        "balance_slides": balance_slides,
-        "open_balance": open_balance,
-        "sum_chunks": sum_chunks,
-        "judge_growth": judge_growth,
-        "keep_good": keep_good,
-    }

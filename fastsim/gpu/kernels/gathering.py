@@ -1,15 +1,13 @@
 """Forces of cells summed at points, in the order of the cells: the same bits in every run."""
 
-from typing import Any
-
 from palpate.fastsim.gpu.kernels.kit import Kit
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernel, over bodies and points."""
+def make(kit: Kit) -> None:
+    """Make the kernel, over bodies and points."""
     wp, vec3 = kit.wp, kit.vec3
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def gather_forces(
         go: wp.array(dtype=int),
         start: wp.array(dtype=int),
@@ -24,5 +22,3 @@ def make(kit: Kit) -> dict[str, Any]:
         for k in range(start[point], start[point + 1]):
             total += cell_forces[body, entries[k]]
         force[body, point] = total
-
-    return {"gather_forces": gather_forces}

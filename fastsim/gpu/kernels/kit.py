@@ -1,6 +1,7 @@
 """The types and the module of Warp that the kernels of one topic and precision have in common."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +21,7 @@ class Kit:
         module: In which the kernels of a topic are compiled together.
         real: float32 or float64.
         vec3, vec6, mat33: Of such numbers.
+        kernels: Those made so far, by name.
     """
 
     wp: Any
@@ -28,21 +30,16 @@ class Kit:
     vec3: Any
     vec6: Any
     mat33: Any
+    kernels: dict[str, Any] = field(default_factory=dict)
 
+    def func(self, function: Callable[..., Any]) -> Any:
+        """A function that kernels of the module call."""
+        return self.wp.func(function, module=self.module)
 
-def make_kit(wp: Any, topic: str, precision: str) -> Kit:
-    """The kit of a topic in "float32" or "float64"."""
-    real = getattr(wp, precision)
-    module = wp.get_module(f"palpate_{topic}_{precision}")
-    module.options["enable_backward"] = False  # nobody differentiates through a step
-    return Kit(
-        wp,
-        module,
-        real,
-        wp.types.vector(3, real),
-        wp.types.vector(6, real),
-        wp.types.matrix((3, 3), real),
-    )
+    def kernel(self, function: Callable[..., Any]) -> Any:
+        """A kernel of the module; its arguments have the names of the arrays that it is given."""
+        self.kernels[function.__name__] = self.wp.kernel(function, module=self.module)
+        return self.kernels[function.__name__]
 
 
 def make_kernels(wp: Any, precision: str) -> SimpleNamespace:
@@ -50,9 +47,15 @@ def make_kernels(wp: Any, precision: str) -> SimpleNamespace:
 
     Each module is compiled when it is first needed.
     """
+    real = getattr(wp, precision)
+    vec3, vec6 = wp.types.vector(3, real), wp.types.vector(6, real)
+    mat33 = wp.types.matrix((3, 3), real)
     made: dict[str, Any] = {"modules": {}}
     for topic in TOPICS:
-        kit = make_kit(wp, topic, precision)
-        made["modules"][topic] = kit.module
-        made |= import_module(f"palpate.fastsim.gpu.kernels.{topic}").make(kit)
+        module = wp.get_module(f"palpate_{topic}_{precision}")
+        module.options["enable_backward"] = False  # nobody differentiates through a step
+        kit = Kit(wp, module, real, vec3, vec6, mat33)
+        import_module(f"palpate.fastsim.gpu.kernels.{topic}").make(kit)
+        made["modules"][topic] = module
+        made |= kit.kernels
     return SimpleNamespace(**made)

@@ -5,18 +5,16 @@ before each step and after the last, `changes` their differences from row to row
 precision by the host. As core/explicit/loads.hpp.
 """
 
-from typing import Any
-
 from palpate.fastsim.gpu.kernels.kit import Kit
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernels, over bodies and points, facets or supports."""
+def make(kit: Kit) -> None:
+    """Make the kernels, over bodies and points, facets or supports."""
     wp, real, vec3 = kit.wp, kit.real, kit.vec3
     # Of the larger of two factors: more is a jump, whose work is counted apart.
     jump = wp.constant(real(0.05))
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def combine_loads(
         go: wp.array(dtype=int),
         row: wp.array(dtype=int),
@@ -44,7 +42,7 @@ def make(kit: Kit) -> dict[str, Any]:
             counted[body, point] = place
         external[body, point] = total
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def press_facets(
         go: wp.array(dtype=int),
         row: wp.array(dtype=int),
@@ -70,14 +68,14 @@ def make(kit: Kit) -> dict[str, Any]:
             factor = factors[body, row[body], histories[body, facet]]
         shares[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def press_points(
         go: wp.array(dtype=int),
         pressed: wp.array(dtype=int),
         start: wp.array(dtype=int),
-        facets: wp.array(dtype=int),
+        entries: wp.array(dtype=int),
         shares: wp.array2d(dtype=vec3),
-        push: wp.array2d(dtype=vec3),
+        pressure: wp.array2d(dtype=vec3),
         force: wp.array2d(dtype=vec3),
     ):
         body, k = wp.tid()
@@ -85,12 +83,12 @@ def make(kit: Kit) -> dict[str, Any]:
             return
         total = vec3()
         for at in range(start[k], start[k + 1]):
-            total += shares[body, facets[at]]
+            total += shares[body, entries[at]]
         point = pressed[k]
-        push[body, point] = total
+        pressure[body, point] = total
         force[body, point] = force[body, point] - total
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def look_at_supports(
         go: wp.array(dtype=int),
         row: wp.array(dtype=int),
@@ -136,7 +134,7 @@ def make(kit: Kit) -> dict[str, Any]:
         work = real(0.5) * wp.dot(pull, total + before)
         given[body, point] = given[body, point] + wp.abs(work)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def move_supports(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -167,7 +165,7 @@ def make(kit: Kit) -> dict[str, Any]:
         displacement[body, point] = wp.cw_mul(stays, displacement[body, point]) + total
         increment[body, point] = wp.cw_mul(stays, increment[body, point]) + ahead[body, k]
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def hold_slides(
         go: wp.array(dtype=int),
         row: wp.array(dtype=int),
@@ -217,7 +215,7 @@ def make(kit: Kit) -> dict[str, Any]:
                 pull[body, s] = size
                 given[body, point] = given[body, point] + work
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def settle_slides(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -239,7 +237,7 @@ def make(kit: Kit) -> dict[str, Any]:
                 goal = factors[body, row[body] + 1, histories[body, s]] * values[body, s]
                 displacement[body, points[k]] = place - (wp.dot(n, place) - goal) * n
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def count_pushes(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -259,14 +257,3 @@ def make(kit: Kit) -> dict[str, Any]:
         work = wp.abs(wp.dot(pressure[body, point], moved))
         work += wp.abs(wp.dot(touch[body, point], moved))
         given[body, point] = given[body, point] + work
-
-    return {
-        "combine_loads": combine_loads,
-        "press_facets": press_facets,
-        "press_points": press_points,
-        "look_at_supports": look_at_supports,
-        "move_supports": move_supports,
-        "hold_slides": hold_slides,
-        "settle_slides": settle_slides,
-        "count_pushes": count_pushes,
-    }

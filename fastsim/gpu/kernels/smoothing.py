@@ -8,20 +8,18 @@
 Edges and nodes sum their cells always in the same order.
 """
 
-from typing import Any
-
 from palpate.fastsim.gpu.kernels.elasticity import make_det, make_formulas
 from palpate.fastsim.gpu.kernels.kit import Kit
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The four kernels, over bodies and cells, edges or nodes."""
+def make(kit: Kit) -> None:
+    """Make the four kernels, over bodies and cells, edges or nodes."""
     wp, real, vec3, vec6, mat33 = kit.wp, kit.real, kit.vec3, kit.vec6, kit.mat33
-    gradient_of, twice_strain, first_stress = make_formulas(kit)
+    gradient_of, twice_strain, first_stress, spread_forces = make_formulas(kit)
     det_of = make_det(kit)
     vec6i = wp.types.vector(6, int)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def strain_cells(
         go: wp.array(dtype=int),
         displacement: wp.array2d(dtype=vec3),
@@ -41,12 +39,12 @@ def make(kit: Kit) -> dict[str, Any]:
         if is_green != 0 and not det_of(h) > real(0.0):
             inverted[body] = 1
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def smooth_edges(
         go: wp.array(dtype=int),
         strains: wp.array2d(dtype=vec6),
         start: wp.array(dtype=int),
-        cells: wp.array(dtype=int),
+        entries: wp.array(dtype=int),
         weights: wp.array(dtype=real),
         kinds: wp.array(dtype=int),
         moduli: wp.array2d(dtype=real),
@@ -57,15 +55,15 @@ def make(kit: Kit) -> dict[str, Any]:
             return
         total = vec6()
         for k in range(start[edge], start[edge + 1]):
-            total += strains[body, cells[k]]
+            total += strains[body, entries[k]]
         stresses[body, edge] = (weights[edge] * moduli[body, 2 * kinds[edge] + 1]) * total
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def smooth_nodes(
         go: wp.array(dtype=int),
         strains: wp.array2d(dtype=vec6),
         start: wp.array(dtype=int),
-        cells: wp.array(dtype=int),
+        entries: wp.array(dtype=int),
         weights: wp.array(dtype=real),
         kinds: wp.array(dtype=int),
         moduli: wp.array2d(dtype=real),
@@ -76,11 +74,11 @@ def make(kit: Kit) -> dict[str, Any]:
             return
         total = real(0.0)
         for k in range(start[node], start[node + 1]):
-            e = strains[body, cells[k]]
+            e = strains[body, entries[k]]
             total += e[0] + e[1] + e[2]
         pressures[body, node] = weights[node] * moduli[body, 2 * kinds[node]] * total
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def force_smoothed_cells(
         go: wp.array(dtype=int),
         displacement: wp.array2d(dtype=vec3),
@@ -116,24 +114,4 @@ def make(kit: Kit) -> dict[str, Any]:
         g = gradients[cell]
         h = gradient_of(displacement, body, c, g)
         f = first_stress(h, s, is_green) * wp.transpose(g)
-        f1 = vec3(f[0, 0], f[1, 0], f[2, 0])
-        f2 = vec3(f[0, 1], f[1, 1], f[2, 1])
-        f3 = vec3(f[0, 2], f[1, 2], f[2, 2])
-        f0 = -(f1 + f2 + f3)
-        if is_atomic != 0:
-            wp.atomic_add(force, body, c[0], f0)
-            wp.atomic_add(force, body, c[1], f1)
-            wp.atomic_add(force, body, c[2], f2)
-            wp.atomic_add(force, body, c[3], f3)
-        else:
-            cell_forces[body, 4 * cell] = f0
-            cell_forces[body, 4 * cell + 1] = f1
-            cell_forces[body, 4 * cell + 2] = f2
-            cell_forces[body, 4 * cell + 3] = f3
-
-    return {
-        "strain_cells": strain_cells,
-        "smooth_edges": smooth_edges,
-        "smooth_nodes": smooth_nodes,
-        "force_smoothed_cells": force_smoothed_cells,
-    }
+        spread_forces(f, body, cell, c, is_atomic, cell_forces, force)

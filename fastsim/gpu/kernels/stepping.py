@@ -6,22 +6,20 @@ with c half the mass damping times dt, as core/explicit/central_difference.hpp. 
 stopped, or has made all its steps, is skipped (`go` is 0).
 """
 
-from typing import Any
-
 from palpate.fastsim.gpu.kernels.kit import Kit
 
 # Why a body stopped, as the core's StopReason counts.
 NONE, INVERTED_CELL, OUT_OF_BOUNDS, ENERGY_GROWTH, DEEP_IN_TOOL = range(5)
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernels over bodies and points, and over bodies."""
+def make(kit: Kit) -> None:
+    """Make the kernels over bodies and points, and over bodies."""
     wp, real, vec3 = kit.wp, kit.real, kit.vec3
     inverted_cell = wp.constant(INVERTED_CELL)
     out_of_bounds = wp.constant(OUT_OF_BOUNDS)
     deep_in_tool = wp.constant(DEEP_IN_TOOL)
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def move_points(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -48,7 +46,7 @@ def make(kit: Kit) -> dict[str, Any]:
         ):
             outside[body] = 1
 
-    @wp.kernel(module=kit.module)
+    @kit.kernel
     def finish_step(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -75,5 +73,3 @@ def make(kit: Kit) -> dict[str, Any]:
                 status[body] = deep_in_tool
         if status[body] != 0 or row[body] >= last_row[body]:
             go[body] = 0
-
-    return {"move_points": move_points, "finish_step": finish_step}

@@ -19,14 +19,14 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
     # Of the smallest half width: nearer than this a vertex is still at the face it touches.
     touching = wp.constant(f64(1e-6))
 
-    @wp.func(module=kit.module)
+    @kit.func
     def side_of(x: f64):
         side = f64(1.0)
         if x < f64(0.0):
             side = f64(-1.0)
         return side
 
-    @wp.func(module=kit.module)
+    @kit.func
     def ball(place: vec3d, radius: f64, fallback: vec3d):
         r = wp.length(place)
         n = fallback
@@ -34,7 +34,7 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             n = place / r
         return vec4d(n[0], n[1], n[2], r - radius)
 
-    @wp.func(module=kit.module)
+    @kit.func
     def box_gap(half: vec3d, place: vec3d):
         beyond = vec3d()
         outside = vec3d()
@@ -57,7 +57,7 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             found = ball(outside, f64(0.0), vec3d(f64(0.0), f64(0.0), f64(1.0)))
         return found
 
-    @wp.func(module=kit.module)
+    @kit.func
     def gap_of(shape: int, size: vec3d, place: vec3d):
         z_axis = vec3d(f64(0.0), f64(0.0), f64(1.0))
         found = vec4d(f64(0.0), f64(0.0), f64(1.0), place[2])
@@ -71,11 +71,11 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             found = box_gap(size, place)
         return found
 
-    @wp.func(module=kit.module)
+    @kit.func
     def slack_of(half: vec3d):
         return touching * wp.min(half)
 
-    @wp.func(module=kit.module)
+    @kit.func
     def nearest_axis(half: vec3d, own: vec3d):
         nearest = 0
         for i in range(1, 3):
@@ -83,7 +83,7 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
                 nearest = i
         return nearest
 
-    @wp.func(module=kit.module)
+    @kit.func
     def entered_face(half: vec3d, own: vec3d, begin: vec3d, known: int):
         # The axis, times two, and one more for its positive side.
         axis = nearest_axis(half, own)
@@ -106,7 +106,7 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             face = face + 1
         return face
 
-    @wp.func(module=kit.module)
+    @kit.func
     def gap_on_way(shape: int, size: vec3d, own: vec3d, begin: vec3d, known: int):
         is_inside = 0
         if shape == is_box and known != 0:
@@ -126,7 +126,7 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             found[3] = side * own[axis] - size[axis]
         return found
 
-    @wp.func(module=kit.module)
+    @kit.func
     def way_from(half: vec3d, own: vec3d, begin: vec3d, known: int):
         way = own
         near = nearest_axis(half, own)

@@ -33,38 +33,38 @@ def make_tool(wp: Any) -> Any:
     return Tool
 
 
-def make(kit: Kit) -> dict[str, Any]:
-    """The kernels, over bodies and vertices, chunks of these, and tools."""
-    wp, real, vec3, module = kit.wp, kit.real, kit.vec3, kit.module
+def make(kit: Kit) -> None:
+    """Make the kernels, over bodies and vertices, chunks of these, and tools."""
+    wp, real, vec3 = kit.wp, kit.real, kit.vec3
     f64, vec3d, mat33d, vec2d = wp.float64, wp.vec3d, wp.mat33d, wp.vec2d
     gap_on_way, way_from = make_shapes(kit)
-    Tool = make_tool(wp)
+    Tool = kit.kernels["Tool"] = make_tool(wp)
     vec13 = wp.types.vector(13, f64)
     chunk_size = wp.constant(CHUNK)
     most_corrections = wp.constant(MOST_CORRECTIONS)
 
-    @wp.func(module=module)
+    @kit.func
     def double(v: vec3):
         return vec3d(f64(v[0]), f64(v[1]), f64(v[2]))
 
-    @wp.func(module=module)
+    @kit.func
     def origin_of(step: vec13, tool: Tool, offset: f64):
         return vec3d(step[0], step[1], step[2]) + offset * tool.direction
 
-    @wp.func(module=module)
+    @kit.func
     def rotation_of(step: vec13):
         return mat33d(
             step[3], step[4], step[5], step[6], step[7], step[8], step[9], step[10], step[11]
         )
 
-    @wp.func(module=module)
+    @kit.func
     def gap_at(tool: Tool, origin: vec3d, turn: mat33d, place: vec3d, begin: vec3d, known: int):
         own = wp.transpose(turn) * (place - origin)
         found = gap_on_way(tool.shape, tool.size, own, begin, known)
         n = turn * vec3d(found[0], found[1], found[2])
         return wp.vec4d(n[0], n[1], n[2], found[3])
 
-    @wp.func(module=module)
+    @kit.func
     def constraint_force(
         tool: Tool,
         origin: vec3d,
@@ -90,7 +90,7 @@ def make(kit: Kit) -> dict[str, Any]:
                     last = gap_at(tool, origin, turn, end + wp.cw_mul(mobile, f), begin, known)
         return f
 
-    @wp.func(module=module)
+    @kit.func
     def friction_force(friction: f64, slides: vec3d, mobile: vec3d, f: vec3d, normal: vec3d):
         # What stops the slip of the step ahead, at most mu times the normal force.
         slip = slides - wp.dot(slides, normal) * normal
@@ -104,26 +104,26 @@ def make(kit: Kit) -> dict[str, Any]:
             stop = (most / size) * stop
         return stop
 
-    @wp.kernel(module=module)
+    @kit.kernel
     def clear_touch(
         go: wp.array(dtype=int),
         vertices: wp.array(dtype=int),
         unknown: wp.array(dtype=int),
-        push: wp.array2d(dtype=vec3),
+        touch: wp.array2d(dtype=vec3),
     ):
         body, k = wp.tid()
         if go[body] == 0:
             return
-        push[body, vertices[k]] = vec3()
+        touch[body, vertices[k]] = vec3()
         unknown[body] = 0
 
-    @wp.kernel(module=module)
+    @kit.kernel
     def touch_vertices(
         go: wp.array(dtype=int),
         row: wp.array(dtype=int),
         number: int,
         tools: wp.array2d(dtype=Tool),
-        steps: wp.array3d(dtype=vec13),
+        tool_steps: wp.array3d(dtype=vec13),
         increments: wp.array2d(dtype=f64),
         offsets: wp.array2d(dtype=f64),
         first: int,
@@ -138,9 +138,9 @@ def make(kit: Kit) -> dict[str, Any]:
         begins: wp.array2d(dtype=vec3d),
         is_known: wp.array2d(dtype=int),
         force: wp.array2d(dtype=vec3),
-        push: wp.array2d(dtype=vec3),
+        touch: wp.array2d(dtype=vec3),
         acting: wp.array2d(dtype=vec3d),
-        moments: wp.array2d(dtype=vec3d),
+        vertex_moments: wp.array2d(dtype=vec3d),
         extremes: wp.array2d(dtype=vec2d),
     ):
         body, k = wp.tid()
@@ -150,8 +150,8 @@ def make(kit: Kit) -> dict[str, Any]:
         point = vertices[at]
         tool = tools[body, number]
         offset = offsets[body, number]
-        now = steps[body, row[body], number]
-        next = steps[body, row[body] + 1, number]
+        now = tool_steps[body, row[body], number]
+        next = tool_steps[body, row[body] + 1, number]
         now_origin = origin_of(now, tool, offset)
         # What pushes a driven tool is not known yet: as fast as in the last step.
         next_origin = origin_of(next, tool, offset + increments[body, number])
@@ -160,7 +160,7 @@ def make(kit: Kit) -> dict[str, Any]:
         place = rest[point] + double(displacement[body, point])
         d = increment[body, point]
         acting[body, at] = vec3d()
-        moments[body, at] = vec3d()
+        vertex_moments[body, at] = vec3d()
         extremes[body, at] = vec2d(f64(wp.inf), f64(wp.max(wp.abs(d))))
         # Near the tool? The box of its shape, turned.
         if tool.shape != 3:
@@ -212,18 +212,18 @@ def make(kit: Kit) -> dict[str, Any]:
             f = f + friction_force(tool.friction, came - place, mobile, f, normal)
         rounded = vec3(real(f[0]), real(f[1]), real(f[2]))
         force[body, point] = force[body, point] - rounded
-        push[body, point] = push[body, point] + rounded
+        touch[body, point] = touch[body, point] + rounded
         acts = double(rounded)
         acting[body, at] = -acts
-        moments[body, at] = -wp.cross(place - now_origin, acts)
+        vertex_moments[body, at] = -wp.cross(place - now_origin, acts)
 
-    @wp.kernel(module=module)
+    @kit.kernel
     def sum_touch_chunks(
         go: wp.array(dtype=int),
         first: int,
         last: int,
         acting: wp.array2d(dtype=vec3d),
-        moments: wp.array2d(dtype=vec3d),
+        vertex_moments: wp.array2d(dtype=vec3d),
         extremes: wp.array2d(dtype=vec2d),
         chunk_forces: wp.array2d(dtype=vec3d),
         chunk_moments: wp.array2d(dtype=vec3d),
@@ -239,14 +239,14 @@ def make(kit: Kit) -> dict[str, Any]:
         begin = first + chunk_size * chunk
         for k in range(begin, wp.min(begin + chunk_size, last)):
             f += acting[body, k]
-            m += moments[body, k]
+            m += vertex_moments[body, k]
             gap = wp.min(gap, extremes[body, k][0])
             fastest = wp.max(fastest, extremes[body, k][1])
         chunk_forces[body, chunk] = f
         chunk_moments[body, chunk] = m
         chunk_extremes[body, chunk] = vec2d(gap, fastest)
 
-    @wp.kernel(module=module)
+    @kit.kernel
     def sum_touch(
         go: wp.array(dtype=int),
         number: int,
@@ -280,7 +280,7 @@ def make(kit: Kit) -> dict[str, Any]:
         if not (gap >= -deepest and fastest <= f64(0.5) * deepest):
             unknown[body] = 1
 
-    @wp.kernel(module=module)
+    @kit.kernel
     def move_tools(
         go: wp.array(dtype=int),
         inverted: wp.array(dtype=int),
@@ -288,7 +288,7 @@ def make(kit: Kit) -> dict[str, Any]:
         begun: wp.array(dtype=int),
         time_step: wp.array(dtype=f64),
         tools: wp.array2d(dtype=Tool),
-        steps: wp.array3d(dtype=vec13),
+        tool_steps: wp.array3d(dtype=vec13),
         forces: wp.array2d(dtype=vec3d),
         impulses: wp.array2d(dtype=vec3d),
         increments: wp.array2d(dtype=f64),
@@ -302,7 +302,7 @@ def make(kit: Kit) -> dict[str, Any]:
         impulses[body, number] = impulses[body, number] + dt * f
         tool = tools[body, number]
         if tool.mass > f64(0.0):
-            drive = steps[body, row[body], number]
+            drive = tool_steps[body, row[body], number]
             total = drive[12] + wp.dot(tool.direction, f)
             # From rest: a(-dt) = a(dt), eq. 13.
             part = f64(1.0)
@@ -311,12 +311,3 @@ def make(kit: Kit) -> dict[str, Any]:
             step = increments[body, number] + part * dt * dt * total / tool.mass
             increments[body, number] = step
             offsets[body, number] = offsets[body, number] + step
-
-    return {
-        "Tool": Tool,
-        "clear_touch": clear_touch,
-        "touch_vertices": touch_vertices,
-        "sum_touch_chunks": sum_touch_chunks,
-        "sum_touch": sum_touch,
-        "move_tools": move_tools,
-    }

@@ -97,12 +97,12 @@ def bytes_per_step(body: ExplicitBody) -> int:
     else:
         p = cells.patches
         forces = at_rest + _size(m.displacement, p.strains)
-        forces += _size(p.strains, *p.edges, p.edge_weights, p.edge_kinds, p.stresses)
-        forces += _size(p.strains, *p.nodes, p.node_weights, p.node_kinds, p.pressures)
+        forces += _size(p.strains, *_group(p.edges), p.stresses)
+        forces += _size(p.strains, *_group(p.nodes), p.pressures)
         forces += at_rest + _size(m.displacement, p.cell_edges, p.cell_nodes)
         forces += _size(p.stresses, p.pressures)
     if cells.cell_forces.size:
-        gathered = _size(cells.cell_forces) + _size(cells.cell_forces, *cells.gather, m.force)
+        gathered = _size(cells.cell_forces) + _size(cells.cell_forces, *_group(cells.gather), m.force)
     else:
         gathered = 3 * _size(m.force)  # it is cleared, then read and written by the sums
     moved = _size(m.external, m.force, scheme.mobility) + 2 * _size(m.increment, m.displacement)
@@ -135,6 +135,11 @@ def _launches(body: ExplicitBody) -> Any:
     if not isinstance(body.run, DeviceRun):
         raise InputError("bytes and copies are counted of bodies on a device")
     return body.run.batch.launches
+
+
+def _group(group: Any) -> list[Any]:
+    """All arrays of a group."""
+    return [array for name, array in vars(group).items() if name != "count"]
 
 
 def _size(*arrays: Any) -> int:
