@@ -180,7 +180,7 @@ class ExplicitBody:
             self._body_contact.attach(self.run)
         # The state as last read from the run, and the positions of tools at the last look.
         self._displacement, self._increment = np.zeros((2, *mesh.points.shape))
-        self._read_only = self._displacement.view()
+        self._read_only: Points = self._displacement.view()
         self._read_only.flags.writeable = False
         self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
         self.steps = 0

@@ -203,7 +203,7 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         pressures[k, start : start + counts[k]] = body.pressures
         histories[k, start : start + counts[k]] = body.pressure_histories
     pressed, numbers = np.unique(facets, return_inverse=True)
-    start, corners = group(numbers, len(pressed))
+    begins, corners = group(numbers, len(pressed))
     return SimpleNamespace(
         on=pressed,
         count=len(facets),
@@ -211,7 +211,7 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         facets=make.array(facets, make.wp.vec3i),
         pressures=make.array(pressures, make.real),
         histories=make.array(histories, int),
-        at=make.groups(start, corners // 3, pressed=make.array(pressed, int)),
+        at=make.groups(begins, corners // 3, pressed=make.array(pressed, int)),
         shares=make.zeros((len(bodies), len(facets)), make.vec3),
     )
 

@@ -102,7 +102,9 @@ def bytes_per_step(body: ExplicitBody) -> int:
         forces += at_rest + _size(m.displacement, p.cell_edges, p.cell_nodes)
         forces += _size(p.stresses, p.pressures)
     if cells.cell_forces.size:
-        gathered = _size(cells.cell_forces) + _size(cells.cell_forces, *_group(cells.gather), m.force)
+        gathered = _size(cells.cell_forces) + _size(
+            cells.cell_forces, *_group(cells.gather), m.force
+        )
     else:
         gathered = 3 * _size(m.force)  # it is cleared, then read and written by the sums
     moved = _size(m.external, m.force, scheme.mobility) + 2 * _size(m.increment, m.displacement)
