@@ -39,7 +39,7 @@ class Metric:
         meaning: Its meaning, in one line.
         scale: What the error is divided by.
         error: Of a candidate beside the reference on one mesh, and what reading may add to it.
-        scale_of: Size of the reference that `error` is divided by, and its name for people.
+        scale_of: Size of the reference that `error` is divided by.
         compare: Used instead of these two: from candidate and reference the relative error at the
             case's points.
         of_part: As `compare`, of a part of the body that a check names.
@@ -141,16 +141,16 @@ _METRICS = (
         "displacement_h1",
         "error of the displacement's gradient: local strain and rotation",
         "H1 seminorm of the reference's displacement",
-        comparison.displacement_h1,
-        comparison.h1_of,
+        comparison.error_in(comparison.gradient_norm),
+        comparison.size_in(comparison.gradient_norm),
         needs_same_mesh=True,
     ),
     Metric(
         "energy_norm",
         "error of strain weighted by stiffness",
         "energy norm of the reference's displacement",
-        comparison.energy_norm,
-        comparison.energy_norm_of,
+        comparison.error_in(comparison.energy_norm),
+        comparison.size_in(comparison.energy_norm),
         needs_same_mesh=True,
     ),
     Metric(
@@ -176,7 +176,7 @@ _METRICS = (
         "error of the deformed volume",
         "change of volume of the reference",
         comparison.size_error("volume"),
-        comparison.change_of("volume", "volume"),
+        comparison.change_of("volume"),
         has_whole_bar=True,
         is_alone=True,
     ),
@@ -193,7 +193,7 @@ _METRICS = (
         "error of the deformed area",
         "change of area of the reference",
         comparison.size_error("surface_area"),
-        comparison.change_of("surface_area", "area"),
+        comparison.change_of("surface_area"),
         has_whole_bar=True,
         is_alone=True,
     ),
@@ -399,13 +399,14 @@ def measure(
         return Difference(0.0, 0.0, metric.scale)
     with np.errstate(over="ignore", invalid="ignore"):
         found = _compare(metric, problem, candidate, reference, part)
-        other = candidate.other_reading
+        other, off = candidate.other_reading, 0.0
         # A fit is of the states as they were sent, not as they are read between them.
-        if other is None or metric.is_fitted:
-            return found
-        apart = _compare(metric, problem, candidate, other, part, is_at_points=True)
-        off = apart.value * apart.scale / found.scale if apart.value else 0.0
-    return dataclasses.replace(found, uncertainty=found.uncertainty + off)
+        if other is not None and not metric.is_fitted:
+            apart = _compare(metric, problem, candidate, other, part, is_at_points=True)
+            off = apart.value * apart.scale / found.scale if apart.value else 0.0
+    return dataclasses.replace(
+        found, scale_name=found.scale_name or metric.scale, uncertainty=found.uncertainty + off
+    )
 
 
 def _compare(
@@ -417,8 +418,8 @@ def _compare(
     *,
     is_at_points: bool = False,
 ) -> Difference:
-    if metric.of_part is not None:
-        assert part is not None
+    """The metric's error over its scale; of metrics of a part, of that part."""
+    if part is not None and metric.of_part is not None:
         return metric.of_part(problem, candidate, reference, part)
     if metric.compare is not None:
         return metric.compare(problem, candidate, reference)

@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,8 +77,10 @@ class Pair:
 # An error and what it may be off by, both in the metric's unit.
 Measured = tuple[float, float]
 ErrorOf = Callable[[Pair], Measured]
-# The scale of errors, in their unit, and its name.
+# The scale of errors, in their unit, and its name where that is not the metric's own.
 ScaleOf = Callable[[Problem, State], tuple[float, str]]
+# Size of a displacement field of a problem.
+Norm = Callable[[Problem, Points], float]
 
 
 def compare_states(
@@ -95,7 +97,7 @@ def compare_states(
 
     Args:
         error: Error of the metric on a pair.
-        scale_of: Size of the reference that the error is divided by, and its name.
+        scale_of: Size of the reference that the error is divided by.
         problem: The case's.
         candidate: The candidate's state at the case's points.
         reference: The reference's state there.
@@ -137,44 +139,39 @@ def displacement_l2(pair: Pair) -> Measured:
 
 def l2_of(problem: Problem, state: State) -> tuple[float, str]:
     """L2 norm of the displacement over the rest volume [m^2.5]."""
-    return l2_norm(problem.mesh, state.displacement), "L2 norm of the reference's displacement"
+    return l2_norm(problem.mesh, state.displacement), ""
 
 
-def displacement_h1(pair: Pair) -> Measured:
-    """H1 seminorms of the error and of what a linear reading would not have [m^1.5]."""
-    return _of_error_and_addition(pair, partial(_gradient_norm, pair.mesh))
-
-
-def h1_of(problem: Problem, state: State) -> tuple[float, str]:
-    """H1 seminorm of the displacement [m^1.5]."""
-    name = "H1 seminorm of the reference's displacement"
-    return _gradient_norm(problem.mesh, state.displacement), name
-
-
-def energy_norm(pair: Pair) -> Measured:
-    """Strain of the same two weighted by stiffness, in linear elasticity [J^(1/2)]."""
-    return _of_error_and_addition(pair, partial(_energy_norm, pair.problem))
-
-
-def energy_norm_of(problem: Problem, state: State) -> tuple[float, str]:
-    """Energy norm of linear elasticity [J^(1/2)]."""
-    name = "energy norm of the reference's displacement"
-    return _energy_norm(problem, state.displacement), name
-
-
-def _gradient_norm(mesh: TetMesh, displacement: Points) -> float:
-    """L2 norm of the displacement gradient over the rest volume [m^1.5]."""
+def gradient_norm(problem: Problem, displacement: Points) -> float:
+    """H1 seminorm: L2 norm of the displacement gradient over the rest volume [m^1.5]."""
+    mesh = problem.mesh
     gradients = displacement[mesh.cells].transpose(0, 2, 1) @ shape_gradients(mesh)
     squared = np.einsum("cij,cij->c", gradients, gradients)
     return math.sqrt(float(signed_volumes(mesh.points, mesh.cells) @ squared))
 
 
-def _energy_norm(problem: Problem, displacement: Points) -> float:
+def energy_norm(problem: Problem, displacement: Points) -> float:
+    """Strain weighted by stiffness, in linear elasticity [J^(1/2)]."""
     return math.sqrt(2.0 * body_of(problem, Strain.LINEAR).energy(displacement))
 
 
-def _of_error_and_addition(pair: Pair, norm: Callable[[Points], float]) -> Measured:
-    return norm(pair.error), norm(pair.read.added) if pair.is_own else 0.0
+def error_in(norm: Norm) -> ErrorOf:
+    """Norm of the error, and of what a linear reading of the reference would not have."""
+
+    def error(pair: Pair) -> Measured:
+        doubt = norm(pair.problem, pair.read.added) if pair.is_own else 0.0
+        return norm(pair.problem, pair.error), doubt
+
+    return error
+
+
+def size_in(norm: Norm) -> ScaleOf:
+    """Norm of a state's displacement."""
+
+    def scale(problem: Problem, state: State) -> tuple[float, str]:
+        return norm(problem, state.displacement), ""
+
+    return scale
 
 
 def displacement_max(pair: Pair) -> Measured:
@@ -185,7 +182,7 @@ def displacement_max(pair: Pair) -> Measured:
 
 def largest_displacement_of(_problem: Problem, state: State) -> tuple[float, str]:
     """Largest displacement of a point [m]."""
-    return state.max_displacement, "the reference's largest displacement"
+    return state.max_displacement, ""
 
 
 def max_displacement(pair: Pair) -> Measured:
@@ -211,16 +208,14 @@ def size_error(name: str) -> ErrorOf:
     return error
 
 
-def change_of(name: str, called: str) -> ScaleOf:
+def change_of(name: str) -> ScaleOf:
     """Change of the volume or area: one per cent of the rest value would pass almost anything."""
 
     def scale(problem: Problem, state: State) -> tuple[float, str]:
         rest = float(getattr(problem.mesh, name))
         size = size_of_change(getattr(state, name), rest)
         is_small = size == SMALLEST_CHANGE * rest
-        return size, (
-            f"0.1 % of the rest {called}" if is_small else f"the reference's change of {called}"
-        )
+        return size, f"0.1 % of the rest {name.removeprefix('surface_')}" if is_small else ""
 
     return scale
 
@@ -240,10 +235,10 @@ def local_volume(pair: Pair) -> Measured:
 
 def local_change_of(problem: Problem, state: State) -> tuple[float, str]:
     """Root mean square of det F - 1 [-]."""
-    scale = _mean_square(problem.mesh, det_f(problem.mesh, state.displacement) - 1.0)
-    if scale < SMALLEST_CHANGE:
+    change = _mean_square(problem.mesh, det_f(problem.mesh, state.displacement) - 1.0)
+    if change < SMALLEST_CHANGE:
         return SMALLEST_CHANGE, "0.1 % of the rest volume"
-    return scale, "root mean square of the reference's det F - 1"
+    return change, ""
 
 
 def _mean_square(mesh: TetMesh, values: Floats) -> float:
@@ -353,8 +348,7 @@ def strain_energy(pair: Pair) -> Measured:
 
 def energy_of(problem: Problem, state: State) -> tuple[float, str]:
     """Strain energy by the case's law [J]."""
-    body = body_of(problem, state.strain, state.element)
-    return body.energy(state.displacement), "the reference's strain energy"
+    return body_of(problem, state.strain, state.element).energy(state.displacement), ""
 
 
 def reaction_force(pair: Pair) -> Measured:
@@ -362,17 +356,18 @@ def reaction_force(pair: Pair) -> Measured:
     case, ours, theirs = pair.case, pair.candidate, pair.reference
     if pair.is_own:
         return own_reactions(case, pair.problem, pair.displacement, ours, theirs)
-    found, expected = (
-        body_of(case, s.strain, s.element).support_reactions(s.displacement) for s in (ours, theirs)
-    )
-    return float(np.linalg.norm(found - expected, axis=1).max(initial=0.0)), 0.0
+    error = _reactions(case, ours) - _reactions(case, theirs)
+    return float(np.linalg.norm(error, axis=1).max(initial=0.0)), 0.0
 
 
 def largest_reaction_of(problem: Problem, state: State) -> tuple[float, str]:
     """Largest total force of a support [N]."""
-    forces = body_of(problem, state.strain, state.element).support_reactions(state.displacement)
-    largest_force = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
-    return largest_force, "the largest support force of the reference"
+    return float(np.linalg.norm(_reactions(problem, state), axis=1).max(initial=0.0)), ""
+
+
+def _reactions(problem: Problem, state: State) -> Floats:
+    """Total force of each support [N], (num_supports, 3)."""
+    return body_of(problem, state.strain, state.element).support_reactions(state.displacement)
 
 
 def tool_force(pair: Pair) -> Measured:
@@ -388,11 +383,11 @@ def tool_force(pair: Pair) -> Measured:
 
 
 def largest_tool_force_of(_problem: Problem, state: State) -> tuple[float, str]:
-    """Largest force on a tool [N]."""
-    name, forces = "largest force of the reference on a tool", state.tool_forces
+    """Largest force on a tool [N]; NaN where there is none."""
+    forces = state.tool_forces
     if forces is None or not len(forces):
-        return math.nan, name
-    return float(np.linalg.norm(forces, axis=-1).max()), name
+        return math.nan, ""
+    return float(np.linalg.norm(forces, axis=-1).max()), ""
 
 
 def trajectory_l2(pair: Pair) -> Measured:
@@ -423,8 +418,7 @@ def largest_l2_of(problem: Problem, state: State) -> tuple[float, str]:
     """Largest L2 norm of the displacement over time [m^2.5]."""
     if state.trajectory is None:
         raise InputError("metrics of motion need a case with [time]")
-    scale = largest(l2_norms(problem.mesh, state.trajectory.displacements))
-    return scale, "largest L2 norm of the reference's displacement over time"
+    return largest(l2_norms(problem.mesh, state.trajectory.displacements)), ""
 
 
 def _middle(low: float, high: float) -> Measured:

@@ -62,7 +62,7 @@ class Difference:
     Attributes:
         value: The error over the scale [-]; infinite where it, or the scale, is no number.
         scale: What the error was divided by, in the metric's unit.
-        scale_name: Name of the scale, for people.
+        scale_name: Name of the scale, for people; "" is the metric's own.
         uncertainty: What the comparison itself may be off by, over the scale [-]: added to the
             reference's error bar. Above 0 where something has to be read between what was
             given, in space or in time; infinite where the comparison says nothing.
@@ -71,7 +71,7 @@ class Difference:
 
     value: float
     scale: float
-    scale_name: str
+    scale_name: str = ""
     uncertainty: float = 0.0
     remark: str = ""
 
@@ -83,7 +83,7 @@ class Difference:
             object.__setattr__(self, "uncertainty", math.inf)
 
 
-def ratio(error: float, scale: float, name: str) -> Difference:
+def ratio(error: float, scale: float, name: str = "") -> Difference:
     """A reference that does not move at all gives no scale: then only zero error is zero."""
     if scale == 0.0:
         return Difference(0.0 if error == 0.0 else math.inf, scale, name)

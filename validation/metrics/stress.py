@@ -114,10 +114,9 @@ def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) 
 
     doubt = read_stress(problem, candidate)[1]
     found, expected = (_turned_back(problem, s)[part.cells] for s in (candidate, reference))
-    name = "L2 norm of the reference's stress there"
     if not are_measurable(found):
-        return Difference(math.inf, math.nan, name)
-    compared = ratio(norm(found - expected), norm(expected), name)
+        return Difference(math.inf, math.nan)
+    compared = ratio(norm(found - expected), norm(expected))
     if candidate.sent_stress is not None and candidate.own is None:
         body = body_of(problem, candidate.strain, candidate.element)
         mistake = mistaken_stress(body, candidate.displacement, candidate.sent_stress, part.cells)
@@ -133,8 +132,7 @@ def traction_resultant(
 ) -> Difference:
     """Size of the error of the force through a support or a cut.
 
-    Over the largest resultant of a load or support in the reference; where each of them is balanced
-    Divided by the largest resultant of a load or support in the reference; where each is balanced
+    Over the largest resultant of a load or support in the reference; of 1 N where each is balanced.
     """
     ours, doubt = read_stress(problem, candidate)
     theirs, _ = read_stress(problem, reference)

@@ -14,28 +14,22 @@ do). The truth is the finest mesh's with the shortest step.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.field_norms import l2_norms
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_cells
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.reference.errors import (
-    ReferenceFailedError,
-    ReferenceTooLongError,
-    ReferenceUnavailableError,
-)
+from palpate.reference.errors import ReferenceTooLongError
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics.body import shape_gradients
 from palpate.validation.metrics.grid_convergence import (
     Convergence,
     GridConvergence,
@@ -64,7 +58,8 @@ from palpate.validation.references.reference_set import (
 from palpate.validation.references.runs import (
     TIME_LIMIT,
     at_points_of,
-    solve_explicit,
+    failure_recorded,
+    solve_by_steps,
     solve_implicit,
 )
 from palpate.validation.states import REFERENCE, Progress, State
@@ -133,28 +128,30 @@ def solve_motion_set(
     origin: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
-        for element in Element:
-            if element not in elements:
-                continue
+        for element in (kind for kind in Element if kind in elements):
             label = OF_ELEMENT[element]
             name = label.removeprefix(f"{REFERENCE} ")
             origin.append(f"{name} in motion by central differences on the case's mesh")
             for strain in strains:
-                with _failure_recorded(failures, (label, strain), is_for_storing):
-                    states[label, strain] = solve_explicit(
-                        problem, strain, progress, element=element, time_limit=seconds
+                with failure_recorded(failures, (label, strain), is_for_storing, " in motion"):
+                    states[label, strain] = solve_by_steps(
+                        problem, strain, None, progress, element=element, time_limit=seconds
                     )
-    known = {} if stored is None else _truths(stored)
+    on_mesh = OF_ELEMENT.values()
+    known = (
+        {} if stored is None else {k: s for k, s in stored.states.items() if k[0] not in on_mesh}
+    )
     if "truth" in wanted and known and stored is not None:
         origin.append("the truth stored: P2 in motion, implicit")
         states |= known
         bars |= stored.bars
     elif "truth" in wanted:
-        here = functools.partial(_truth_here, seconds=seconds)
-        solve = solve_motion_truth if is_for_storing else here
         for strain in strains if truth_strains is None else truth_strains:
-            with _failure_recorded(failures, (QUADRATIC, strain), is_for_storing):
-                truth, made_of, details = solve(problem, strain, progress)
+            with failure_recorded(failures, (QUADRATIC, strain), is_for_storing, " in motion"):
+                if is_for_storing:
+                    truth, made_of, details = solve_motion_truth(problem, strain, progress)
+                else:
+                    truth, made_of, details = _truth_here(problem, strain, progress, seconds)
                 states[truth.label, strain] = truth
                 found = {metric: one.whole for metric, one in made_of.items()}
                 found = without_limits(problem, strain, found)
@@ -177,26 +174,8 @@ def solve_motion_set(
     return ReferenceSet(states, bars, "; ".join(origin), failures, provenance)
 
 
-@contextmanager
-def _failure_recorded(
-    failures: dict[StateKey, str], place: StateKey, is_for_storing: bool
-) -> Iterator[None]:
-    """A run that fails is reported, unless it is for storing, or none can succeed here."""
-    try:
-        yield
-    except ReferenceFailedError as error:
-        if is_for_storing or isinstance(error, ReferenceUnavailableError):
-            raise
-        failures[place] = f"{place[0]} in motion: {error}"
-
-
-def _truths(stored: ReferenceSet) -> dict[StateKey, State]:
-    on_mesh = OF_ELEMENT.values()
-    return {place: state for place, state in stored.states.items() if place[0] not in on_mesh}
-
-
 def _truth_here(
-    problem: Problem, strain: Strain, progress: Progress, *, seconds: float
+    problem: Problem, strain: Strain, progress: Progress, seconds: float
 ) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """Two time steps, and one finer mesh: Roache's rule for two grids of each.
 
@@ -309,14 +288,12 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
         Which cells, shape (num_cells,).
     """
     assert run.trajectory is not None
-    corners = mesh.points[mesh.cells]
-    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    shapes = shape_gradients(mesh)
     volumes = signed_volumes(mesh.points, mesh.cells)
     weights = np.bincount(mesh.cells.ravel(), np.repeat(volumes, 4), mesh.num_points)
     rough = np.zeros(mesh.num_cells)
-    for placed in run.trajectory.displacements:
-        moved = placed[mesh.cells]
-        gradients = (inverse @ (moved[:, 1:] - moved[:, :1])).reshape(-1, 9)
+    for displacement in run.trajectory.displacements:
+        gradients = (displacement[mesh.cells].transpose(0, 2, 1) @ shapes).reshape(-1, 9)
         means = np.zeros((mesh.num_points, 9))
         np.add.at(means, mesh.cells, (volumes[:, None] * gradients)[:, None, :])
         means /= weights[:, None]
@@ -361,39 +338,34 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
         offsets, uncertainty = (), None
     found = {}
     for metric in truth_metrics(problem):
-        untold = 0.0
-        if metric in OSCILLATION:
-            if uncertainty is None:
-                found[metric] = GridConvergence(0.0, Convergence.DIVERGING)
-                continue
-            word = metric.removeprefix("oscillation_")
-            values = [float(getattr(offset, word)) for offset in offsets]
-            untold = float(getattr(uncertainty, word))
-        else:
+        of_one_fit, values = 0.0, [math.nan]
+        if metric not in OSCILLATION:
             last = difference(metric, problem, runs[1], runs[0])
             values = [0.0, last, last + difference(metric, problem, runs[2], runs[1])]
-        if not np.isfinite(values).all():
-            found[metric] = GridConvergence(0.0, Convergence.DIVERGING)
-            continue
-        shown = assess_grid_convergence(
-            values, (1.0, 2.0, 4.0), expected_order=_ORDER, noise=_NOISE
-        )
-        if shown.error_bar is not None and shown.order is not None and shown.order > _ORDER:
-            slower = (2.0**shown.order - 1.0) / (2.0**_ORDER - 1.0)
-            shown = dataclasses.replace(shown, error_bar=slower * shown.error_bar)
-        reach = float(np.ptp(values))
-        if shown.error_bar is None and reach <= untold:
-            shown = dataclasses.replace(
-                shown, behaviour=Convergence.BELOW_NOISE, error_bar=SAFETY_FACTOR * reach + _NOISE
-            )
-        elif shown.error_bar is None and metric in _NORMS and _grows_little(values):
-            shown = dataclasses.replace(shown, error_bar=SAFETY_FACTOR * reach + _NOISE)
-        found[metric] = shown
+        elif uncertainty is not None:
+            word = metric.removeprefix("oscillation_")
+            values = [float(getattr(offset, word)) for offset in offsets]
+            of_one_fit = float(getattr(uncertainty, word))
+        found[metric] = _settled(values, of_one_fit, is_norm=metric in _NORMS)
     return found
 
 
-def _grows_little(values: Sequence[float]) -> bool:
-    return values[1] - values[0] <= LARGEST_GROWTH * (values[2] - values[1])
+def _settled(values: Sequence[float], of_one_fit: float, *, is_norm: bool) -> GridConvergence:
+    """How a metric settles, by its values on three runs and what one fit of it may be off by."""
+    if not np.isfinite(values).all():
+        return GridConvergence(0.0, Convergence.DIVERGING)
+    shown = assess_grid_convergence(values, (1.0, 2.0, 4.0), expected_order=_ORDER, noise=_NOISE)
+    if shown.error_bar is not None:
+        if shown.order is None or shown.order <= _ORDER:
+            return shown
+        slower = (2.0**shown.order - 1.0) / (2.0**_ORDER - 1.0)
+        return dataclasses.replace(shown, error_bar=slower * shown.error_bar)
+    reach = float(np.ptp(values))
+    if reach <= of_one_fit:
+        shown = dataclasses.replace(shown, behaviour=Convergence.BELOW_NOISE)
+    elif not (is_norm and values[1] - values[0] <= LARGEST_GROWTH * (values[2] - values[1])):
+        return shown
+    return dataclasses.replace(shown, error_bar=SAFETY_FACTOR * reach + _NOISE)
 
 
 def difference(metric: str, problem: Problem, one: State, other: State) -> float:
@@ -412,24 +384,15 @@ def difference(metric: str, problem: Problem, one: State, other: State) -> float
         found = measure(name, problem, one, other)
     except InputError:
         return math.inf
-    norm = _AT_THE_END.get(name)
-    if norm is None or one.trajectory is None or other.trajectory is None:
+    if one.trajectory is None or other.trajectory is None or not found.scale > 0.0:
         return found.value
     last = max(LEAST_OUTPUTS, math.ceil(LAST_PART * len(other.trajectory.times)))
     apart = one.trajectory.displacements[-last:] - other.trajectory.displacements[-last:]
-    largest = float(norm(problem.mesh, apart).max())
-    return max(found.value, largest / found.scale if found.scale > 0.0 else found.value)
-
-
-def _largest_norms(_mesh: TetMesh, moved: Points) -> Floats:
-    norms: Floats = np.linalg.norm(moved, axis=2).max(axis=1)
-    return norms
-
-
-_AT_THE_END: dict[str, Callable[[TetMesh, Points], Floats]] = {
-    "displacement_l2": l2_norms,
-    "displacement_max": _largest_norms,
-}
+    if name == "displacement_l2":
+        return max(found.value, float(l2_norms(problem.mesh, apart).max()) / found.scale)
+    if name == "displacement_max":
+        return max(found.value, float(np.linalg.norm(apart, axis=2).max()) / found.scale)
+    return found.value
 
 
 def _bar_of(convergence: GridConvergence) -> float:

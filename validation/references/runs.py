@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.linalg import norm
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import (
     AdaptiveResult,
     Formulation,
+    ImplicitResult,
     ReferenceResult,
+    SteppedResult,
     formulation_for,
 )
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.metrics import make_state, stress_integrals
-from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, SAME_MESH
+from palpate.validation.metrics.difference import measures_of
+from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, SAME_MESH, StateKey
 from palpate.validation.states import REFERENCE, CellStresses, Progress, State, Trajectory
 
 if TYPE_CHECKING:
@@ -85,101 +90,59 @@ def solve_state(
     )
 
 
-def solve_explicit(
+def solve_by_steps(
     problem: Problem,
     strain: Strain,
+    steps: Steps | None,
     progress: Progress,
     *,
     element: Element = Element.LINEAR,
     time_limit: float = TIME_LIMIT,
 ) -> State:
-    """The trajectory of the case's tetrahedra, from rest, with the case's time step.
+    """The trajectory of the case's tetrahedra, from rest, by a scheme and step, each step solved.
+
+    What a simulator that states them differs by from it is its solver's, or that it does not do
+    what it states; what it differs by from the motion itself is the scheme's.
 
     Args:
         problem: With a time span.
         strain: Strain measure.
+        steps: Scheme and time step; the case's own step by central differences where None.
         progress: Called with one line.
         element: Linear tetrahedra, plain or smoothed.
         time_limit: Time limit of the run [s], > 0.
 
     Raises:
-        InputError: The case states no time step: then there is nothing to be equal to.
-        ReferenceFailedError: No FEniCSx, or the run failed.
-    """
-    from palpate.reference.tasks import SteppedTask
-
-    if problem.time is None or problem.time.time_step is None:
-        raise InputError("a dynamic case needs time_step in [time] for its reference")
-    progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
-    found, seconds = _timed(
-        SteppedTask(Integrator.CENTRAL_DIFFERENCES, strain, element), problem, time_limit
-    )
-    return _motion_state(
-        problem.mesh,
-        strain,
-        found.times,
-        found.displacements,
-        label=OF_ELEMENT[element],
-        element=element,
-        seconds=seconds,
-        details={"time_step": found.time_step, "num_steps": found.num_steps},
-        tool_forces=found.tool_forces if problem.tools else None,
-    )
-
-
-def solve_by_steps(
-    problem: Problem,
-    strain: Strain,
-    steps: Steps,
-    progress: Progress,
-    *,
-    element: Element = Element.LINEAR,
-) -> State:
-    """The trajectory of the case's tetrahedra by a simulator's own scheme and step, each solved.
-
-    What the simulator differs by from it is its solver's, or that it does not do what it states;
-    what it differs by from the motion itself is the scheme's.
-
-    Args:
-        problem: With a time span; its own time step is not used.
-        strain: Strain measure.
-        steps: Scheme and time step.
-        progress: Called with one line now and then.
-        element: Linear tetrahedra, plain or smoothed.
-
-    Raises:
-        InputError: Outputs that are not whole steps apart, a tool, or an element or load that
-            cannot be used.
+        InputError: No time step in the case and none given: then there is nothing to be equal to.
+            Outputs that are not whole steps apart, or an element, load or tool that cannot be used.
         ReferenceFailedError: No FEniCSx, or a step without a solution.
     """
     from palpate.reference.tasks import SteppedTask
 
-    stepped = steps.of(problem)
-    if steps.integrator is Integrator.CENTRAL_DIFFERENCES:
-        found = solve_explicit(stepped, strain, progress, element=element)
-        return dataclasses.replace(found, steps=steps)
-    progress(
-        f"{OF_ELEMENT[element]} in motion by {steps}, {strain} strain, "
-        f"{problem.mesh.num_cells} cells"
-    )
-    task = SteppedTask(steps.integrator, strain, element)
-    result, seconds = _timed(task, stepped, TIME_LIMIT)
+    stepped = problem if steps is None else steps.of(problem)
+    if stepped.time is None or stepped.time.time_step is None:
+        raise InputError("a dynamic case needs time_step in [time] for its reference")
+    integrator = Integrator.CENTRAL_DIFFERENCES if steps is None else steps.integrator
+    label, by = OF_ELEMENT[element], "" if steps is None else f" by {steps}"
+    progress(f"{label} in motion{by}, {strain} strain, {problem.mesh.num_cells} cells")
+    found, seconds = _timed(SteppedTask(integrator, strain, element), stepped, time_limit)
+    details: dict[str, Any] = {"time_step": found.time_step, "num_steps": found.num_steps}
+    if integrator is not Integrator.CENTRAL_DIFFERENCES:
+        details |= {
+            "integrator": str(integrator),
+            "newton_iterations": found.newton_iterations,
+            "largest_residual": found.largest_residual,
+        }
     return _motion_state(
+        problem,
         problem.mesh,
-        strain,
-        result.times,
-        result.displacements,
-        label=OF_ELEMENT[element],
+        found,
+        found.displacements,
+        strain=strain,
+        label=label,
         element=element,
         seconds=seconds,
-        details={
-            "integrator": str(steps.integrator),
-            "time_step": result.time_step,
-            "num_steps": result.num_steps,
-            "newton_iterations": result.newton_iterations,
-            "largest_residual": result.largest_residual,
-        },
-        versions=dict(result.versions),
+        details=details,
         steps=steps,
     )
 
@@ -229,10 +192,11 @@ def solve_implicit(
     # A truth in seven digits: its error bar is far above, and the file half as large.
     seven = found.displacements[:, : mesh.num_points].astype(np.float32)
     return _motion_state(
+        problem,
         mesh,
-        strain,
-        found.times,
+        found,
         seven.astype(np.float64),
+        strain=strain,
         label=QUADRATIC,
         degree=degree,
         seconds=seconds,
@@ -241,8 +205,6 @@ def solve_implicit(
             "newton_iterations": found.newton_iterations,
             "largest_energy_error": float(np.abs(found.energy_errors).max()),
         },
-        versions=dict(found.versions),
-        tool_forces=found.tool_forces if problem.tools else None,
     )
 
 
@@ -285,7 +247,7 @@ def solve_reference(
             "the mixed formulation finds equilibrium, and this problem is a motion; leave it out"
         )
     if degree == 1 and problem.time.time_step is not None:
-        return solve_explicit(problem, strain, progress, element=element)
+        return solve_by_steps(problem, strain, None, progress, element=element)
     if element is Element.SMOOTHED:
         raise InputError(
             "the reference moves smoothed tetrahedra by explicit steps only: take degree 1, and "
@@ -347,13 +309,8 @@ def at_points_of(mesh: TetMesh, state: State) -> State:
     motion = state.trajectory
     if motion is not None:
         moved = motion.displacements[:, : mesh.num_points]
-        measured = make_state(mesh, moved[-1], label="", simulator="", strain=state.strain)
-        numbers = ("displacement", "volume", "surface_area", "smallest_det_f", "max_displacement")
-        return dataclasses.replace(
-            state,
-            trajectory=Trajectory(motion.times, moved),
-            **{name: getattr(measured, name) for name in numbers},
-        )
+        measures = measures_of(mesh, moved[-1])
+        return dataclasses.replace(state, trajectory=Trajectory(motion.times, moved), **measures)
     at_points = state.displacement[: mesh.num_points]
     return dataclasses.replace(
         state,
@@ -364,15 +321,34 @@ def at_points_of(mesh: TetMesh, state: State) -> State:
     )
 
 
+@contextmanager
+def failure_recorded(
+    failures: dict[StateKey, str], key: StateKey, is_for_storing: bool = False, how: str = ""
+) -> Iterator[None]:
+    """Record why a run failed, unless it is for storing, or none can succeed here."""
+    try:
+        yield
+    except ReferenceFailedError as error:
+        if is_for_storing or isinstance(error, ReferenceUnavailableError):
+            raise
+        failures[key] = f"{key[0]}{how}: {error}"
+
+
 def _motion_state(
-    mesh: TetMesh, strain: Strain, times: Points, displacements: Points, **more: Any
+    problem: Problem,
+    mesh: TetMesh,
+    found: SteppedResult | ImplicitResult,
+    displacements: Floats,
+    **more: Any,
 ) -> State:
+    """A motion of the reference at the points of a mesh; `more` are further fields of `State`."""
     return make_state(
         mesh,
         displacements[-1],
         simulator=REFERENCE,
-        strain=strain,
-        trajectory=Trajectory(times, displacements),
+        trajectory=Trajectory(found.times, displacements),
+        tool_forces=found.tool_forces if problem.tools else None,
+        versions=dict(found.versions),
         **more,
     )
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,13 @@ from palpate.validation.references.reference_set import (
     ReferenceSet,
     StateKey,
 )
-from palpate.validation.references.runs import first_state, solve_state, state_of, stresses_of
+from palpate.validation.references.runs import (
+    failure_recorded,
+    first_state,
+    solve_state,
+    state_of,
+    stresses_of,
+)
 from palpate.validation.states import Progress, State
 
 # Unknowns of the largest graded mesh, and time for all of one strain measure [s]: a case of 5 000
@@ -132,10 +139,9 @@ def solve_for_storing(
 
 
 def _start_of_newton(problem: Problem, strain: Strain, state: State) -> Points | None:
-    """Where Newton's method for quadratic tetrahedra begins; None: at rest.
+    """Where Newton's method for quadratic tetrahedra begins: at smoothed ones' solution, or rest.
 
-    At the solution of smoothed tetrahedra, some per cent away. Not with what touches the body,
-    whose path counts, nor with pressures among the unknowns.
+    Not with what touches the body, whose path counts, nor with pressures among the unknowns.
     """
     is_free = not (problem.tools or problem.springs)
     is_plain = formulation_for(problem, DEGREE) is Formulation.DISPLACEMENT
@@ -194,43 +200,37 @@ def solve_live(
     asked = dataclasses.replace(
         asked, seconds=min(asked.seconds, SECONDS), unknowns=unknowns, parts={}
     )
-    run = _LiveRun(problem, progress, asked, known or {})
+    run = _LiveRun(problem, progress, asked, dict(known or {}))
     is_graded = stored is None and 2.0 * unknowns_of(problem) <= unknowns
     for strain in strains:
         if not run.has_equilibrium(strain):
             continue
         if is_graded:
             run.grade(strain, has_stress=has_stress)
-        if (QUADRATIC, strain) in run.states:
-            continue
-        is_tried = (TRUTH, strain) in run.states or (TRUTH, strain) in run.failures
+        is_tried = any((TRUTH, strain) in made for made in (run.states, run.failures))
         if has_stress or not is_tried:
             run.solve(strain, 2)
     if Element.SMOOTHED in elements:
         for strain in strains:
             run.solve(strain, 1, Element.SMOOTHED)
-    states = run.states
-    versions = next((dict(s.versions) for s in run.states.values()), {})
-    provenance: dict[str, Any] = {"versions": versions}
+    names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
+    here = f"{', '.join(names)} and P2 solved here"
+    provenance: dict[str, Any] = {
+        "versions": next((dict(s.versions) for s in run.states.values()), {})
+    }
     if stored is not None:
         labels = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
-        states = {p: s for p, s in stored.states.items() if p[0] in labels} | run.states
-        bars = dict(stored.bars)
-        says = "the truth and its error bar stored (P2, finer meshes)"
+        states = {k: s for k, s in stored.states.items() if k[0] in labels} | run.states
         provenance["stored"] = dict(stored.provenance)
         provenance |= {k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY)}
-    else:
-        bars, says = run.bars(), run.says_of_bars()
-        provenance |= {PARTS: _parts_of(bars), **({ADAPTIVE: run.records} if run.records else {})}
-    names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
-    return ReferenceSet(
-        states,
-        bars,
-        f"{', '.join(names)} and P2 solved here; {says}",
-        run.failures,
-        provenance,
-        remarks=() if stored is not None else tuple(run.remarks()),
-    )
+        origin = f"{here}; the truth and its error bar stored (P2, finer meshes)"
+        return ReferenceSet(states, dict(stored.bars), origin, run.failures, provenance)
+    bars = estimate_bars(problem, run.states) | run.graded_bars
+    provenance[PARTS] = _parts_of(bars)
+    if run.records:
+        provenance[ADAPTIVE] = run.records
+    origin, remarks = f"{here}; {run.says_of_bars()}", (*run.remarks, *run.coarse_meshes())
+    return ReferenceSet(run.states, bars, origin, run.failures, provenance, remarks=remarks)
 
 
 def unknowns_of(problem: Problem) -> int:
@@ -241,22 +241,18 @@ def unknowns_of(problem: Problem) -> int:
     return 3 * (mesh.num_points + num_edges)
 
 
+@dataclass(eq=False)
 class _LiveRun:
     """States as they come, and why one did not."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        progress: Progress,
-        asked: TruthRequest,
-        known: Mapping[StateKey, State],
-    ) -> None:
-        self.problem, self.progress, self.asked = problem, progress, asked
-        self.states: dict[StateKey, State] = dict(known)
-        self.failures: dict[StateKey, str] = {}
-        self.records: dict[str, Any] = {}
-        self._graded: Bars = {}
-        self._remarks: list[str] = []
+    problem: Problem
+    progress: Progress
+    asked: TruthRequest
+    states: dict[StateKey, State]
+    failures: dict[StateKey, str] = field(default_factory=dict)
+    records: dict[str, Any] = field(default_factory=dict)
+    graded_bars: Bars = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     def has_equilibrium(self, strain: Strain) -> bool:
         """Solve P1; False where it lost equilibrium, and P2 need not be tried."""
@@ -273,20 +269,18 @@ class _LiveRun:
         self, strain: Strain, degree: int, element: Element = Element.LINEAR
     ) -> ReferenceFailedError | None:
         """One state on the case's mesh, or why there is none, which is recorded."""
-        label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
-        if (label, strain) in self.states:
+        key = (OF_ELEMENT[element] if degree == 1 else QUADRATIC, strain)
+        if key in self.states:
             return None
-        start = self.asked.start
         try:
-            state = solve_state(
-                self.problem, strain, degree, self.progress, element=element, start=start
+            self.states[key] = solve_state(
+                self.problem, strain, degree, self.progress, element=element, start=self.asked.start
             )
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:
-            self.failures[label, strain] = f"{label}: {error}"
+            self.failures[key] = f"{key[0]}: {error}"
             return error
-        self.states[label, strain] = state
         return None
 
     def grade(self, strain: Strain, *, has_stress: bool) -> None:
@@ -294,48 +288,36 @@ class _LiveRun:
 
         P2 on the case's mesh is added where its stresses are asked for.
         """
-        problem = self.problem
-        try:
-            found = refine_truth(problem, strain, self.asked, self.progress)
-        except ReferenceUnavailableError:
-            raise
-        except ReferenceFailedError as error:
-            self.failures[TRUTH, strain] = f"{TRUTH}: {error}"
+        with failure_recorded(self.failures, (TRUTH, strain)):
+            found = refine_truth(self.problem, strain, self.asked, self.progress)
+        if (TRUTH, strain) in self.failures:
             return
-        bars = graded_bars(problem, strain, found)
-        label = TRUTH if bars else QUADRATIC
+        bars = graded_bars(self.problem, strain, found)
         on_case = found.first if bars else found
         stress: dict[str, Any] = {}
         if on_case is not None:
             stresses = stresses_of(on_case)
-            integrals = stress_integrals(problem.mesh, stresses, on_case.strain_energy)
+            integrals = stress_integrals(self.problem.mesh, stresses, on_case.strain_energy)
             stress = {"stresses": stresses, "integrals": integrals}
+        label = TRUTH if bars else QUADRATIC
         # Means over the case's cells, of which nothing is known on graded meshes.
+        more = {} if bars else stress
         seconds = float(found.seconds.sum())
         self.states[label, strain] = state_of(
-            found,
-            strain,
-            label=label,
-            degree=found.degree,
-            seconds=seconds,
-            **({} if bars else stress),
+            found, strain, label=label, degree=found.degree, seconds=seconds, **more
         )
         if bars and has_stress and found.first is not None:
             self.states[QUADRATIC, strain] = first_state(found, **stress)
         self.records[strain.value] = record_of(found)
-        self._graded |= {(metric, strain): bar for metric, bar in bars.items()}
-        self._remarks.append(
+        self.graded_bars |= {(metric, strain): bar for metric, bar in bars.items()}
+        self.remarks.append(
             f"Truth, {strain} strain: {len(found.num_cells)} mesh(es), the last of "
             f"{int(found.num_cells[-1])} cells: {found.ended}."
         )
 
-    def bars(self) -> Bars:
-        """Bars from graded meshes where there are any, from P1 and P2 otherwise."""
-        return estimate_bars(self.problem, self.states) | self._graded
-
     def says_of_bars(self) -> str:
         """A line on how the bars were found."""
-        parts = [f"error bars of {TRUTH}: from graded meshes"] if self._graded else []
+        parts = [f"error bars of {TRUTH}: from graded meshes"] if self.graded_bars else []
         if any((TRUTH, s) not in self.states and (QUADRATIC, s) in self.states for s in Strain):
             parts.append(
                 f"error bars of {QUADRATIC}: its differences from P1, where they are below "
@@ -343,9 +325,8 @@ class _LiveRun:
             )
         return "; ".join(parts) or "no error bars"
 
-    def remarks(self) -> list[str]:
-        """Remarks on how the graded meshes ended, and where linear tetrahedra are of no use."""
-        remarks = list(self._remarks)
+    def coarse_meshes(self) -> Iterator[str]:
+        """Where linear tetrahedra are of no use on the case's mesh."""
         for strain in Strain:
             linear = self.states.get((SAME_MESH, strain))
             truth = self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
@@ -353,11 +334,10 @@ class _LiveRun:
                 continue
             apart = measure("displacement_l2", self.problem, linear, truth).value
             if apart > FAR:
-                remarks.append(
+                yield (
                     f"P1 and P2 are {apart:.0%} apart in displacement_l2 ({strain} strain): this "
                     "mesh is too coarse for linear tetrahedra; refine it."
                 )
-        return remarks
 
 
 def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict[str, float]:

@@ -81,7 +81,7 @@ def test_the_scale_of_a_change_says_what_it_is(metric: str) -> None:
     # 10 % longer all round: 33.1 % of the volume, 21 % of the area; a millionth: below 0.1 %.
     word = "volume" if metric == "volume" else "area"
     for stretch, name in (
-        (0.1, f"the reference's change of {word}"),
+        (0.1, f"change of {word} of the reference"),
         (1e-6, f"0.1 % of the rest {word}"),
     ):
         reference, candidate = state(stretch * MESH.points), state(0.5 * stretch * MESH.points)

@@ -252,7 +252,7 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
         calls.append(("implicit", strain))
         return dataclasses.replace(truth_of("wave"), label=QUADRATIC, strain=strain)
 
-    monkeypatch.setattr(motions, "solve_explicit", explicit)
+    monkeypatch.setattr(motions, "solve_by_steps", explicit)
     monkeypatch.setattr(motions, "solve_implicit", implicit)
 
     def say(_line: str) -> None:
@@ -291,7 +291,7 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
     assert "a cell would invert" in found.failure("truth", Strain.GREEN)
     with pytest.raises(ReferenceStepError):
         solve_motion_set(case.problem, say, wanted={"truth"}, is_for_storing=True)
-    monkeypatch.setattr(motions, "solve_explicit", unavailable)
+    monkeypatch.setattr(motions, "solve_by_steps", unavailable)
     with pytest.raises(ReferenceUnavailableError):
         solve_motion_set(case.problem, say, wanted={"same_mesh"})
 
@@ -322,7 +322,7 @@ def test_this_version_finds_the_stored_twin(name: str) -> None:
     case = load_case(name)
     stored = find_references(case, live=False, progress=lambda _line: None)
     kept = stored.states[SAME_MESH, case.strain]
-    found = motions.solve_explicit(case.problem, case.strain, lambda _line: None)
+    found = motions.solve_by_steps(case.problem, case.strain, None, lambda _line: None)
     assert measure("trajectory_l2", case.problem, found, kept).value < 1e-11
     if case.problem.tools:
         assert measure("tool_force", case.problem, found, kept).value < 1e-11
