@@ -398,6 +398,25 @@ def factor_at_end(problem: Problem, load: Load) -> float:
     return load.amplitude(problem.time.end_time)
 
 
+def forces_at_end(
+    problem: Problem, displacement: Points, strain: Strain
+) -> list[tuple[Load | Spring, Points]]:
+    """Each load and spring with its nodal force [N], (num_points, 3), at the end of a motion.
+
+    Args:
+        problem: Loads and springs, with their amplitudes where it is a motion.
+        displacement: Displacement of the points [m], which pressures and springs follow.
+        strain: Strain measure; under linear strain pressures stay on the surface at rest.
+    """
+    mesh, time = problem.mesh, None if problem.time is None else problem.time.end_time
+    loads = [
+        (load, factor_at_end(problem, load) * load_force(mesh, load, displacement, strain))
+        for load in problem.loads
+    ]
+    springs = [(s, spring_force(mesh, s, displacement, time)) for s in problem.springs]
+    return [*loads, *springs]
+
+
 def dead_force(problem: Problem) -> Points:
     """Sum of all dead loads at the end [N], (num_points, 3); pressures and tools left out."""
     force = np.zeros_like(problem.mesh.points)

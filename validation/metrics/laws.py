@@ -178,11 +178,6 @@ def laws_instead_of(strain: Strain) -> dict[str, LawOfCells]:
 MEASURES: dict[LawOfCells, Strain] = {green: Strain.GREEN, linear: Strain.LINEAR}
 
 
-def law_of(strain: Strain) -> LawOfCells:
-    """The law that was asked for."""
-    return green if strain is Strain.GREEN else linear
-
-
 def energy_density(
     law: Law, H: Array, lmbda: Array, mu: Array, c01: Array, terms: OgdenTerms = ()
 ) -> Array:

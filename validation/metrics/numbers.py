@@ -16,8 +16,9 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.problem import Problem
+from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.metrics.body import body_of, factor_at_end, load_force, spring_force
+from palpate.validation.metrics.body import body_of, forces_at_end
 from palpate.validation.metrics.own_mesh import problem_on
 from palpate.validation.metrics.stress import (
     Part,
@@ -65,14 +66,10 @@ def reaction(problem: Problem, state: State, part: Part, component: str) -> Numb
     """
     integrals, doubt = read_stress(problem, state)
     force = resultant(problem, integrals, part)
-    for load in problem.loads:
-        if isinstance(load, Pressure):
-            pushed = load_force(problem.mesh, load, state.displacement, state.strain)
-            force = force - force_of_part(problem, factor_at_end(problem, load) * pushed, part)
-    time = None if problem.time is None else problem.time.end_time
-    for spring in problem.springs:
-        pulled = spring_force(problem.mesh, spring, state.displacement, time)
-        force = force - force_of_part(problem, pulled, part)
+    for item, at_points in forces_at_end(problem, state.displacement, state.strain):
+        # `resultant` has subtracted the dead loads.
+        if isinstance(item, Pressure | Spring):
+            force = force - force_of_part(problem, at_points, part)
     axis = "xyz".index(component)
     off = 0.0
     if doubt is not None:

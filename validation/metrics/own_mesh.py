@@ -36,7 +36,7 @@ from palpate.meshes.problem import Inclusion, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import fixed_components, nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
-from palpate.validation.metrics.body import body_of, factor_at_end, load_force, spring_force
+from palpate.validation.metrics.body import body_of, factor_at_end, forces_at_end
 from palpate.validation.states import State
 
 Array = NDArray[np.float64]
@@ -199,24 +199,16 @@ def own_reactions(
     loose = np.zeros(mesh.num_points)
     # So may a weight: a result of the case's mesh, sent on a finer one, is balanced on its own.
     weight = np.zeros(mesh.num_points)
-    for load in problem.loads:
-        factor = factor_at_end(problem, load)
-        if isinstance(load, BodyForce):
-            body = factor * nodal_force(mesh, load)
+    for item, at_points in forces_at_end(problem, candidate.displacement, strain):
+        if isinstance(item, BodyForce):
+            body = factor_at_end(problem, item) * nodal_force(mesh, item)
             force -= body
-            spread_body = spread(factor * nodal_force(problem.mesh, load))
-            weight += np.linalg.norm(body - spread_body, axis=1)
+            weight += np.linalg.norm(body - spread(at_points), axis=1)
             continue
-        at_points = factor * load_force(problem.mesh, load, candidate.displacement, strain)
         loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
-        if isinstance(load, Pressure):
+        if isinstance(item, Pressure):
             # As `support_reactions` has it: not subtracted where the body is fixed.
             at_points = np.where(is_fixed, 0.0, at_points)
-        force -= spread(at_points)
-    time = None if problem.time is None else problem.time.end_time
-    for spring in problem.springs:
-        at_points = spring_force(problem.mesh, spring, candidate.displacement, time)
-        loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
         force -= spread(at_points)
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size

@@ -41,10 +41,8 @@ from palpate.validation.metrics.body import (
     Body,
     body_of,
     dead_force,
-    factor_at_end,
-    load_force,
+    forces_at_end,
     shape_gradients,
-    spring_force,
     sum_at_points,
 )
 from palpate.validation.metrics.difference import Difference, are_measurable, ratio
@@ -191,17 +189,10 @@ def _turned_back(problem: Problem, state: State) -> Floats:
 
 def _largest_resultant(problem: Problem, state: State, integrals: StressIntegrals) -> float:
     """Largest total force of a load or a support [N]; 0 where each is balanced in itself."""
-    mesh, force = problem.mesh, integrals.internal_force
+    force = integrals.internal_force
     totals = [np.zeros(3)]
     left = force.copy()
-    for load in problem.loads:
-        at_points = load_force(mesh, load, state.displacement, state.strain)
-        at_points = factor_at_end(problem, load) * at_points
-        totals.append(at_points.sum(axis=0))
-        left -= at_points
-    time = None if problem.time is None else problem.time.end_time
-    for spring in problem.springs:
-        at_points = spring_force(mesh, spring, state.displacement, time)
+    for _, at_points in forces_at_end(problem, state.displacement, state.strain):
         totals.append(at_points.sum(axis=0))
         left -= at_points
     for support in problem.supports:

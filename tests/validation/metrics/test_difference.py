@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.bricks import brick_box
@@ -15,7 +16,7 @@ from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.checks import judge_check, number_of
-from palpate.validation.metrics import CATALOGUE, Difference, make_state
+from palpate.validation.metrics import CATALOGUE, Difference
 from palpate.validation.metrics.difference import are_measurable, largest, smallest
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import State, Trajectory, Verdict
@@ -43,10 +44,8 @@ def swinging(number: float | None = None, states: slice = slice(None)) -> State:
     if number is not None:
         fields[states, END, 1] = number
         forces[0, 5, 1] = number
-    return make_state(
-        MESH, fields[-1], label="x", simulator="x", strain=Strain.GREEN,
-        trajectory=Trajectory(TIMES, fields), tool_forces=forces,
-    )  # fmt: skip
+    motion = Trajectory(TIMES, fields)
+    return made_state(MESH, fields[-1], trajectory=motion, tool_forces=forces)
 
 
 def verdict_of(name: str, candidate: State) -> Verdict:
@@ -148,10 +147,8 @@ def test_a_candidate_that_was_read_in_two_ways_is_as_uncertain_as_they_are_apart
     state = swinging()
     # 3 % larger everywhere: of every state, so of the largest too.
     assert state.trajectory is not None
-    larger = make_state(
-        MESH, 1.03 * state.displacement, label="x", simulator="x", strain=Strain.GREEN,
-        trajectory=Trajectory(TIMES, 1.03 * state.trajectory.displacements),
-    )  # fmt: skip
+    motion = Trajectory(TIMES, 1.03 * state.trajectory.displacements)
+    larger = made_state(MESH, 1.03 * state.displacement, trajectory=motion)
     both = dataclasses.replace(state, other_reading=larger)
     for name in ("trajectory_l2", "displacement_l2", "displacement_max", "displacement_h1"):
         spec = CheckSpec(metric=name, limit=0.02, reason="r")

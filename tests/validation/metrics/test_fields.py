@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+from bank import made_state
 from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
@@ -16,7 +19,7 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, inverted_cells, make_state, measure
+from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
 from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.states import State, Verdict
 
@@ -32,9 +35,7 @@ ROUNDING = 1e3 * np.finfo(float).eps
 
 def stretched(a: float) -> State:
     """Confined stretch: x becomes a x."""
-    return make_state(
-        MESH, MESH.points * [a - 1.0, 0, 0], label="x", simulator="x", strain=Strain.GREEN
-    )
+    return made_state(MESH, MESH.points * [a - 1.0, 0, 0])
 
 
 def test_energy_of_a_confined_stretch() -> None:
@@ -98,11 +99,8 @@ def test_an_inclusion_counts_with_its_own_stiffness() -> None:
     ],
 )
 def test_errors_of_a_stretch_two_per_cent_too_large(name: str, expected: float) -> None:
-    # Confined by lateral supports everywhere, so that the section's force is all there is.
-    held = Support(np.arange(MESH.num_points, dtype=np.int32), components=(False, True, True))
     along = [Support(p, components=(True, False, False)) for p in (LEFT, RIGHT)]
-    problem = dataclasses.replace(PROBLEM, supports=(*along,))
-    del held
+    problem = dataclasses.replace(PROBLEM, supports=tuple(along))
     found = measure(name, problem, stretched(1.102), stretched(1.1)).value
     assert found == pytest.approx(expected, rel=1e-9)
 
@@ -111,7 +109,7 @@ def test_local_volume_sees_what_total_volume_does_not() -> None:
     # x^2-like motion: half of the body swells, half is squeezed, the ends stay.
     u = np.zeros_like(MESH.points)
     u[:, 0] = 0.05 * MESH.points[:, 0] * (3.0 - MESH.points[:, 0])
-    bulged = make_state(MESH, u, label="x", simulator="x", strain=Strain.GREEN)
+    bulged = made_state(MESH, u)
     rest = stretched(1.0)
     assert measure("volume", PROBLEM, bulged, rest).value < 1e-9
     assert measure("local_volume", PROBLEM, bulged, rest).value > 10.0
@@ -125,7 +123,7 @@ def test_inverted_cells_are_counted() -> None:
     u[inner] = [100.0, 0.0, 0.0]
     count = inverted_cells(MESH, u)
     assert 0 < count < around
-    state = make_state(MESH, u, label="x", simulator="x", strain=Strain.GREEN)
+    state = made_state(MESH, u)
     spec = CheckSpec(metric="inverted_cells", against="candidate", limit=0.0, reason="r")
     check = judge_check(spec, Strain.GREEN, PROBLEM, state, None, 0.0, "")
     assert check.verdict is Verdict.FAILED
@@ -140,6 +138,41 @@ def test_every_metric_of_a_case_file_is_in_the_catalogue_and_says_what_it_means(
     for metric in CATALOGUE.values():
         assert metric.meaning
         assert metric.scale
+
+
+# A function and a row of the table are all that a metric is made of.
+NEW_METRIC = """
+import numpy as np
+import palpate
+from palpate.meshes.problem import Strain
+from palpate.validation.metrics import catalogue, comparison, make_state
+
+def mean_error(pair):
+    return float(np.linalg.norm(pair.error, axis=1).mean()), float(pair.read.doubt.mean())
+
+catalogue.CATALOGUE["mean_error"] = catalogue.Metric(
+    "mean_error", "mean error of displacement", "largest displacement of the reference",
+    mean_error, comparison.largest_displacement_of,
+)
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.documentation.making.look_up import metrics
+from palpate.validation.judging.checks import judge_check
+
+problem = palpate.load_case("block").problem
+right, wrong = (
+    make_state(problem.mesh, u, label="x", simulator="x", strain=Strain.GREEN)
+    for u in (np.full_like(problem.mesh.points, size) for size in (0.1, 0.11))
+)
+spec = CheckSpec(metric="mean_error", limit=0.05, reason="r")
+for state in (right, wrong):
+    print(judge_check(spec, Strain.GREEN, problem, state, right, 0.0, "").verdict)
+assert "| `mean_error` | mean error of displacement | largest displacement of" in metrics()
+"""
+
+
+def test_a_new_metric_is_a_function_and_a_row_for_cases_verdicts_and_documentation() -> None:
+    ran = subprocess.run([sys.executable, "-c", NEW_METRIC], capture_output=True, text=True)
+    assert ran.stdout.split() == ["passed", "failed"], ran.stderr
 
 
 def test_a_pressure_all_around_works_on_the_change_of_volume(problem: Problem) -> None:

@@ -7,11 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.metrics import make_state, measure
+from palpate.meshes.problem import Material, Problem
+from palpate.validation.metrics import measure
 from palpate.validation.states import State, Trajectory
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
@@ -25,27 +26,21 @@ def swinging(size: float = 0.1, frequency: float = 2.0, damping: float = 0.5) ->
     shape = np.zeros_like(MESH.points)
     shape[:, 1] = MESH.points[:, 0] ** 2
     fields = wave[:, None, None] * shape
-    motion = Trajectory(TIMES, fields)
-    return make_state(
-        MESH, fields[-1], label="x", simulator="x", strain=Strain.GREEN, trajectory=motion
-    )
+    return made_state(MESH, fields[-1], trajectory=Trajectory(TIMES, fields))
 
 
 def test_errors_of_a_swing_are_those_put_in() -> None:
     reference = swinging()
     larger, faster, livelier = swinging(0.103), swinging(frequency=2.02), swinging(damping=0.3)
-    found = measure("trajectory_l2", PROBLEM, larger, reference).value
-    assert found == pytest.approx(0.03, rel=1e-9)
-    found = measure("oscillation_amplitude", PROBLEM, larger, reference).value
-    assert found == pytest.approx(0.03, rel=1e-6)
-    found = measure("oscillation_frequency", PROBLEM, faster, reference).value
-    assert found == pytest.approx(0.01, rel=1e-6)
-    # 0.02 Hz over 2 s.
-    assert measure("oscillation_phase", PROBLEM, faster, reference).value == pytest.approx(
-        0.04, rel=1e-6
-    )
-    found = measure("oscillation_damping", PROBLEM, livelier, reference).value
-    assert found == pytest.approx(0.2 / 2.0, rel=1e-6)
+    for metric, candidate, error, digits in (
+        ("trajectory_l2", larger, 0.03, 1e-9),
+        ("oscillation_amplitude", larger, 0.03, 1e-6),
+        ("oscillation_frequency", faster, 0.01, 1e-6),
+        ("oscillation_phase", faster, 0.04, 1e-6),  # 0.02 Hz over 2 s
+        ("oscillation_damping", livelier, 0.2 / 2.0, 1e-6),
+    ):
+        found = measure(metric, PROBLEM, candidate, reference).value
+        assert found == pytest.approx(error, rel=digits), metric
 
 
 def test_a_candidate_that_does_not_swing_is_infinitely_wrong() -> None:
@@ -53,7 +48,7 @@ def test_a_candidate_that_does_not_swing_is_infinitely_wrong() -> None:
 
 
 def test_a_static_state_has_no_motion_to_judge() -> None:
-    still = make_state(MESH, 0 * MESH.points, label="x", simulator="x", strain=Strain.GREEN)
+    still = made_state(MESH, 0 * MESH.points)
     with pytest.raises(InputError, match="time"):
         measure("trajectory_l2", PROBLEM, still, swinging())
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bank import made_state
 from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
@@ -22,7 +23,7 @@ from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, comparison, make_state, measure
+from palpate.validation.metrics import CATALOGUE, comparison, measure
 from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.difference import Difference
 from palpate.validation.metrics.own_mesh import own_reactions
@@ -66,9 +67,7 @@ def solved(divisions: tuple[int, int, int]) -> tuple[Problem, Field]:
 
 
 def state_of(problem: Problem, displacement: Field, *, degree: int = 1) -> State:
-    return make_state(
-        problem.mesh, displacement, label="x", simulator="x", strain=Strain.GREEN, degree=degree
-    )
+    return made_state(problem.mesh, displacement, degree=degree)
 
 
 def answer(own: TetMesh, displacement: Field) -> State:

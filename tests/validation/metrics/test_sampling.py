@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
@@ -16,7 +17,7 @@ from palpate.validation.exchange.time_reading import read_at
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import make_state, measure
+from palpate.validation.metrics import measure
 from palpate.validation.metrics.motion import (
     OSCILLATION,
     content_frequency,
@@ -43,12 +44,9 @@ def swinging(frequency: float, rate: float, sent_rate: float | None = None) -> S
     fields = 0.02 * (1.0 - np.cos(2.0 * math.pi * frequency * given))[:, None, None] * SHAPE
     read = read_at(given, fields, times, slack=1e-9)
     states = [
-        make_state(
-            MESH, u[-1], label="x", simulator="x", strain=Strain.LINEAR,
-            trajectory=Trajectory(times, u),
-        )
+        made_state(MESH, u[-1], strain=Strain.LINEAR, trajectory=Trajectory(times, u))
         for u in (read.states, read.others)
-    ]  # fmt: skip
+    ]
     return dataclasses.replace(
         states[0],
         sent=None if sent_rate is None else Trajectory(given, fields),

@@ -1,4 +1,4 @@
-"""No honest motion is out of reach, at any rate of outputs; garbage between them is."""
+"""No honest motion is out of reach, garbage between outputs is; rotations and linear strain."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bank import made_state
 from numpy.typing import NDArray
 
 from palpate.fastsim.dynamics import simulate
@@ -15,15 +16,22 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
+from palpate.meshes.rigid_tool import rotation_matrix
 from palpate.validation.exchange.time_reading import read_at
-from palpate.validation.metrics import make_state, validity
+from palpate.validation.metrics import validity
 from palpate.validation.metrics.validity import (
+    BORDERS,
+    cell_rotations,
+    describe_rotation,
     largest_acceleration,
+    largest_rotation,
     state_out_of_reach,
     unmeasurable_state,
 )
 from palpate.validation.states import State, Trajectory
+from palpate.validation.studies.validity import Mode, follow
 
+BLOCK = brick_box((3, 2, 2), (0.03, 0.02, 0.02))
 Field = NDArray[np.float64]
 
 MESH = brick_box((6, 2, 2), (0.06, 0.02, 0.02), ragged=0.2)
@@ -72,10 +80,7 @@ def sent(
     if spoil is not None:
         spoil(states, np.flatnonzero(apart > 1e-9))
     read = read_at(times, states, wanted, slack=1e-9)
-    state = make_state(
-        MESH, states[-1], label="x", simulator="x", strain=Strain.GREEN,
-        trajectory=Trajectory(wanted, read.states),
-    )  # fmt: skip
+    state = made_state(MESH, states[-1], trajectory=Trajectory(wanted, read.states))
     return dataclasses.replace(state, sent=Trajectory(times, states))
 
 
@@ -141,10 +146,8 @@ def test_supports_pull_smoothed_tetrahedra_no_harder_than_they_are_stiff() -> No
     )
     assert smoothed < 0.9 * plain
     found = simulate(problem, element=Element.SMOOTHED)
-    state = make_state(
-        MESH, found.displacements[-1], label="x", simulator="x", strain=Strain.GREEN,
-        trajectory=Trajectory(found.times, found.displacements), element=Element.SMOOTHED,
-    )  # fmt: skip
+    motion = Trajectory(found.times, found.displacements)
+    state = made_state(MESH, motion.displacements[-1], trajectory=motion, element=Element.SMOOTHED)
     assert state_out_of_reach(problem, state) == ""
 
 
@@ -184,3 +187,29 @@ def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:
 
         told = unmeasurable_state(sent(problem, 100, spoil))
         assert told.startswith("its state at 0.155 s")
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 2.0, 3.1])
+def test_a_turned_and_stretched_body_is_turned_by_that_angle(angle: float) -> None:
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    turn = rotation_matrix(np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)]))
+    stretch = np.array([[1.2, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]])
+    displacement = BLOCK.points @ (turn @ stretch).T - BLOCK.points
+    assert np.abs(cell_rotations(BLOCK, displacement) - angle).max() < 1e-7
+    assert largest_rotation(BLOCK, displacement) == pytest.approx(angle, abs=1e-7)
+
+
+def test_the_borders_are_those_of_a_bent_bar() -> None:
+    deflections = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+    bar = follow(Mode.BENDING, 0.3, deflections, slenderness=4.0)
+    for error, degrees in BORDERS.items():
+        found = bar.border(error, measure="rotation")
+        assert found is not None
+        assert math.degrees(found) == pytest.approx(degrees, rel=0.03)
+
+
+def test_the_line_says_which_border_is_left() -> None:
+    for degrees, words in ((0.5, "within the 1% border"), (9.0, "beyond the 5% border")):
+        angle = math.radians(degrees)
+        turn = rotation_matrix(np.array([math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
+        assert words in describe_rotation(BLOCK, BLOCK.points @ turn.T - BLOCK.points)

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError
@@ -19,7 +20,7 @@ from palpate.validation.case import CaseError, load_case
 from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import WHOLE_BODY_METRICS, make_state
+from palpate.validation.metrics import WHOLE_BODY_METRICS
 from palpate.validation.references import geometry, true_bodies
 from palpate.validation.references.bars import BarParts
 from palpate.validation.references.geometry import geometry_notes, shape_of, with_geometry
@@ -79,14 +80,8 @@ def cylinder(case_of):
 
 
 def references_of(problem):
-    truth = make_state(
-        problem.mesh,
-        0.01 * problem.mesh.points,
-        label=QUADRATIC,
-        simulator="reference",
-        strain=Strain.LINEAR,
-        degree=2,
-    )
+    points = problem.mesh.points
+    truth = made_state(problem.mesh, 0.01 * points, strain=Strain.LINEAR, degree=2)
     return ReferenceSet({(QUADRATIC, Strain.LINEAR): truth}, PLACES, "here")
 
 
@@ -94,14 +89,7 @@ def squeezed(monkeypatch):
     """Every body shrinks alike, as under a pressure all around it: u = -p (1 - 2 nu) / E x."""
 
     def solve(problem, strain, _degree, _progress, **_words):
-        return make_state(
-            problem.mesh,
-            -1e-3 * problem.mesh.points,
-            label=QUADRATIC,
-            simulator="reference",
-            strain=strain,
-            degree=1,
-        )
+        return made_state(problem.mesh, -1e-3 * problem.mesh.points, strain=strain)
 
     monkeypatch.setattr(geometry, "solve_state", solve)
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
@@ -14,7 +15,6 @@ from palpate.meshes.problem import Strain
 from palpate.reference.errors import ReferenceStepError
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import CaseJudge
-from palpate.validation.metrics import make_state
 from palpate.validation.references import geometry
 from palpate.validation.references.bars import GEOMETRY, PARTS
 from palpate.validation.references.geometry import geometry_notes, shape_of, with_geometry
@@ -113,14 +113,8 @@ def geometry_of(case, metrics, truth=None, **words):
 
 
 def stretched(problem):
-    return make_state(
-        problem.mesh,
-        0.01 * problem.mesh.points,
-        label=QUADRATIC,
-        simulator="reference",
-        strain=Strain.LINEAR,
-        degree=2,
-    )
+    points = problem.mesh.points
+    return made_state(problem.mesh, 0.01 * points, strain=Strain.LINEAR, degree=2)
 
 
 def swing_as_one(problem):

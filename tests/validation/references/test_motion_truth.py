@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
@@ -19,7 +20,7 @@ from palpate.validation.case import load_case
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.metrics import make_state, measure
+from palpate.validation.metrics import measure
 from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions
 from palpate.validation.references.motions import (
@@ -43,6 +44,13 @@ def truth_of(name: str) -> State:
     return truth
 
 
+def moved_otherwise(state: State, displacements: np.ndarray) -> State:  # type: ignore[type-arg]
+    """The same times with other displacements."""
+    assert state.trajectory is not None
+    motion = Trajectory(state.trajectory.times, displacements)
+    return dataclasses.replace(state, displacement=displacements[-1], trajectory=motion)
+
+
 def slower(state: State, factor: float) -> State:
     """The same motion with time stretched."""
     motion = state.trajectory
@@ -50,10 +58,7 @@ def slower(state: State, factor: float) -> State:
     early = motion.times / factor
     flat = motion.displacements.reshape(len(motion.times), -1)
     fields = np.array([np.interp(early, motion.times, column) for column in flat.T]).T
-    moved = fields.reshape(motion.displacements.shape)
-    return dataclasses.replace(
-        state, displacement=moved[-1], trajectory=Trajectory(motion.times, moved)
-    )
+    return moved_otherwise(state, fields.reshape(motion.displacements.shape))
 
 
 def test_the_numbers_of_the_wave_cases_are_the_closed_forms() -> None:
@@ -148,11 +153,7 @@ def swinging(frequency: float) -> tuple[Problem, State]:
     times = np.linspace(0.0, problem.time.end_time, problem.time.num_outputs + 1)
     shape = 1e-3 * problem.mesh.points * [1.0, 0.0, 0.0]
     fields = np.cos(2.0 * math.pi * frequency * times)[:, None, None] * shape
-    state = make_state(
-        problem.mesh, fields[-1], label="x", simulator="reference", strain=Strain.GREEN,
-        trajectory=Trajectory(times, fields),
-    )  # fmt: skip
-    return problem, state
+    return problem, made_state(problem.mesh, fields[-1], trajectory=Trajectory(times, fields))
 
 
 def test_swings_that_meet_at_the_end_by_chance_are_not_near_each_other() -> None:
@@ -197,9 +198,7 @@ def test_what_leaks_into_the_fit_of_a_swing_is_no_noise_between_runs() -> None:
         assert motion is not None
         rough = 0.05 * np.sin(41.0 * motion.times)[:, None, None]
         mixed = size * (motion.displacements + rough * np.abs(motion.displacements).max())
-        return dataclasses.replace(
-            state, displacement=mixed[-1], trajectory=Trajectory(motion.times, mixed)
-        )
+        return moved_otherwise(state, mixed)
 
     problem, _ = swinging(0.3)
     # Second order; then to and fro, which shows no order, but less than one fit can tell.
@@ -218,14 +217,7 @@ def test_norms_that_show_no_order_have_three_times_their_range() -> None:
         runs = []
         for size in sizes:
             problem, state = swinging(0.3)
-            motion = state.trajectory
-            assert motion is not None
-            moved = (1.0 + size) * motion.displacements
-            runs.append(
-                dataclasses.replace(
-                    state, displacement=moved[-1], trajectory=Trajectory(motion.times, moved)
-                )
-            )
+            runs.append(moved_otherwise(state, (1.0 + size) * state.displacements))
         return assess_sequence(problem, runs)["trajectory_l2"].error_bar
 
     # Slowly falling differences, and such that grow a little; of more nothing is concluded.

@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
-from palpate.validation.metrics import make_state, measure
+from palpate.validation.metrics import measure
 from palpate.validation.references import motions, runs
 from palpate.validation.references.motions import rough_cells, solve_motion_truth
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH
@@ -24,15 +25,8 @@ def motion(problem: Problem, displacements: np.ndarray, force: float) -> State: 
     times = np.linspace(0.0, 0.4, len(displacements))
     felt = np.zeros((1, len(displacements), 3))
     felt[0, 1:, 2] = force
-    return make_state(
-        problem.mesh,
-        displacements[-1],
-        label="a run",
-        simulator="reference",
-        strain=Strain.GREEN,
-        tool_forces=felt,
-        trajectory=Trajectory(times, displacements),
-    )
+    way = Trajectory(times, displacements)
+    return made_state(problem.mesh, displacements[-1], tool_forces=felt, trajectory=way)
 
 
 def test_the_cells_where_the_gradient_changes_are_marked() -> None:
@@ -85,13 +79,8 @@ def test_a_live_static_truth_has_a_bar_for_the_force_on_a_tool() -> None:
     problem = load_case("press").problem
     displacement = 0.01 * problem.mesh.points
     states = {
-        (label, Strain.GREEN): make_state(
-            problem.mesh,
-            displacement,
-            label=label,
-            simulator="reference",
-            strain=Strain.GREEN,
-            tool_forces=np.array([[0.0, 0.0, force]]),
+        (label, Strain.GREEN): made_state(
+            problem.mesh, displacement, tool_forces=np.array([[0.0, 0.0, force]])
         )
         for label, force in ((SAME_MESH, 1.2), (QUADRATIC, 1.0))
     }

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from bank import made_state
 
 from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.bricks import brick_box
@@ -16,7 +17,7 @@ from palpate.reference.adaptivity.error_bars import error_bar_of_two
 from palpate.reference.adaptivity.goals import Budget
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
-from palpate.validation.metrics import WHOLE_BODY_METRICS, make_state, measure
+from palpate.validation.metrics import WHOLE_BODY_METRICS, measure
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.references import statics
 from palpate.validation.references.adaptive_truth import TruthRequest
@@ -32,9 +33,7 @@ def quiet(_line: str) -> None:
 
 
 def state(problem: Problem, factor: float, strain: Strain = Strain.LINEAR) -> State:
-    return make_state(
-        problem.mesh, factor * problem.mesh.points, label="x", simulator="x", strain=strain
-    )
+    return made_state(problem.mesh, factor * problem.mesh.points, strain=strain)
 
 
 @pytest.fixture(scope="module")
