@@ -327,7 +327,7 @@ def _rows(
             healthy = judge.check(spec, *of_fault.pop(Fault.NONE)).verdict
         except InputError:
             continue  # the reference itself does not swing there
-        seen = {
+        seen: dict[Fault, bool] = {
             fault: judge.check(spec, solution, failure).verdict is Verdict.FAILED
             for fault, (solution, failure) in of_fault.items()
             if solution is not None or failure
