@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from palpate.meshes.arrays import Points, checked_indices
+from palpate.meshes.arrays import Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import (
     Load,
     Support,
@@ -35,10 +36,12 @@ __all__ = [
     "Problem",
     "Strain",
     "TimeSpan",
+    "on_other_mesh",
     "require_linear_in_strain",
     "require_no_springs",
     "require_no_tools",
     "with_law",
+    "with_rows",
 ]
 
 
@@ -242,6 +245,7 @@ class Problem:
 
 
 Item = TypeVar("Item", bound="DataclassInstance")
+Carry = Callable[[Indices], Indices]
 
 
 def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
@@ -255,6 +259,45 @@ def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
                 changes[name] = checked
             if width == 3:
                 require_boundary_facets(mesh, checked, f"{name} of {what}")
+    return dataclasses.replace(item, **changes) if changes else item
+
+
+def on_other_mesh(
+    problem: Problem, mesh: TetMesh, *, facets: Carry, cells: Carry, points: Carry | None = None
+) -> Problem:
+    """The same problem on another mesh of its body.
+
+    Args:
+        problem: On the mesh before.
+        mesh: The other mesh.
+        facets: From facets of the mesh before, (n, 3), to those of the same area on the other.
+        cells: From cells of the mesh before to those of the same volume on the other.
+        points: From points of the mesh before to those on the other; None where they stay.
+    """
+    parts = {
+        kind: tuple(
+            with_rows(item, facets=facets, points=points, cells=cells)
+            for item in getattr(problem, kind)
+        )
+        for kind in ("supports", "loads", "tools", "inclusions", "springs")
+    }
+    return dataclasses.replace(problem, mesh=mesh, **parts)
+
+
+def with_rows(
+    item: Item, *, facets: Carry, points: Carry | None = None, cells: Carry | None = None
+) -> Item:
+    """A support, load, tool, spring or inclusion on other facets, points or cells."""
+    changes = {}
+    for name, carry in (
+        ("facets", facets),
+        ("contact_facets", facets),
+        ("points", points),
+        ("cells", cells),
+    ):
+        rows = getattr(item, name, None)
+        if carry is not None and rows is not None and len(rows):
+            changes[name] = carry(rows)
     return dataclasses.replace(item, **changes) if changes else item
 
 

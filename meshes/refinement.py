@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Integers, Mask, Points
-from palpate.meshes.boundary_conditions import Load, Pressure, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Problem, on_other_mesh
 from palpate.meshes.tet_mesh import EDGES, TetMesh
 
 # The octahedron left inside is cut along one of three diagonals, given as the midpoints of
@@ -52,8 +49,7 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
     for which, ((a, b), around) in enumerate(_DIAGONALS):
         rows = chosen == which
         for k in range(4):
-            side = m[rows][:, [a, b, around[k], around[(k + 1) % 4]]]
-            inner[rows, k] = side
+            inner[rows, k] = m[rows][:, [a, b, around[k], around[(k + 1) % 4]]]
     cells = np.vstack([*children, inner.reshape(-1, 4)])
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
     mirrored = np.einsum("ij,ij->i", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2]) < 0.0
@@ -82,56 +78,17 @@ def refine_problem(problem: Problem) -> Problem:
     # In the order of the cells of `refine_uniformly`: four corners, then four inside.
     given = np.arange(problem.mesh.num_cells)
     given_cell = np.concatenate([np.tile(given, 4), np.repeat(given, 4)])
-    return carry_problem(problem, refine_uniformly(problem.mesh), given_cell, midpoints.facets)
-
-
-def carry_problem(
-    problem: Problem,
-    mesh: TetMesh,
-    given_cell: NDArray[Any],
-    carry_facets: Callable[[Indices], Indices],
-) -> Problem:
-    """A problem on a finer mesh of its body that has the old points first.
-
-    Args:
-        problem: The problem on the coarser mesh.
-        mesh: The finer mesh.
-        given_cell: The coarser mesh's cell in which each cell of the finer mesh lies.
-        carry_facets: From facets of the coarser mesh to their parts on the finer mesh.
-    """
-    supports = [
-        dataclasses.replace(support, facets=carry_facets(support.facets))
-        for support in problem.supports
-    ]
-    loads: list[Load] = []
-    for load in problem.loads:
-        if isinstance(load, Traction | Pressure):
-            loads.append(dataclasses.replace(load, facets=carry_facets(load.facets)))
-        else:
-            loads.append(load)
-    tools = [
-        dataclasses.replace(tool, contact_facets=carry_facets(tool.contact_facets))
-        for tool in problem.tools
-    ]
-    springs = [
-        dataclasses.replace(spring, facets=carry_facets(spring.facets))
-        for spring in problem.springs
-    ]
-    inclusions = [
-        dataclasses.replace(
-            one, cells=np.flatnonzero(np.isin(given_cell, one.cells)).astype(np.int32)
-        )
-        for one in problem.inclusions
-    ]
-    return dataclasses.replace(
+    return on_other_mesh(
         problem,
-        mesh=mesh,
-        supports=tuple(supports),
-        loads=tuple(loads),
-        tools=tuple(tools),
-        inclusions=tuple(inclusions),
-        springs=tuple(springs),
+        refine_uniformly(problem.mesh),
+        facets=midpoints.facets,
+        cells=partial(_cells_within, given_cell),
     )
+
+
+def _cells_within(given_cell: Integers | Indices, chosen: Indices) -> Indices:
+    """Cells of a refined mesh that lie in chosen cells of the given one."""
+    return np.flatnonzero(np.isin(given_cell, chosen)).astype(np.int32)
 
 
 def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -144,7 +101,7 @@ def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.
     Returns:
         Shape (num_points of the refined mesh, ...), the given ones first.
     """
-    first, second = _EdgeMidpoints(mesh).ends
+    first, second = _EdgeMidpoints(mesh).ends.T
     finer: NDArray[np.float64] = np.concatenate([values, 0.5 * (values[first] + values[second])])
     return finer
 
@@ -165,50 +122,53 @@ def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return mean
 
 
-class _EdgeMidpoints:
-    """Numbers the midpoint of every edge of a mesh, after the mesh's own points."""
+class _Midpoints:
+    """Numbers the midpoints of some edges of a mesh after the mesh's own points.
 
-    def __init__(self, mesh: TetMesh) -> None:
-        self._stride = mesh.num_points
-        pairs = mesh.cells[:, EDGES].reshape(-1, 2).astype(np.int64)
-        self._keys = np.unique(self._key(pairs))
-        first, second = self.ends
-        middle: Points = 0.5 * (mesh.points[first] + mesh.points[second])
+    Args:
+        mesh: The mesh.
+        keys: The edges, ascending, by the number that `_edge_keys` gives them.
+    """
+
+    def __init__(self, mesh: TetMesh, keys: Integers) -> None:
+        self.num_given = mesh.num_points
+        self.keys = keys
+        self.ends: Integers = np.column_stack(np.divmod(keys, mesh.num_points))
+        middle: Points = mesh.points[self.ends].mean(axis=1)
         self.points: Points = np.vstack([mesh.points, middle])
 
-    @property
-    def ends(self) -> tuple[Integers, Integers]:
-        """Points at the two ends of each edge, each (n,)."""
-        first, second = np.divmod(self._keys, self._stride)
-        return first, second
+    def between(self, chosen: Indices) -> Indices:
+        """The chosen points and the midpoints of these edges whose two ends are chosen."""
+        inside = np.isin(self.ends, chosen).all(axis=1)
+        both: Indices = np.concatenate([chosen, np.flatnonzero(inside) + self.num_given])
+        return both.astype(np.int32)
 
-    def _key(self, pairs: Integers) -> Integers:
-        low, high = pairs.min(axis=1), pairs.max(axis=1)
-        key: Integers = low * self._stride + high
-        return key
+
+def _edge_keys(pairs: Integers, num_points: int) -> Integers:
+    """One number for the edge between two points, (..., 2), whichever comes first."""
+    keys: Integers = pairs.min(axis=-1) * num_points + pairs.max(axis=-1)
+    return keys
+
+
+class _EdgeMidpoints(_Midpoints):
+    """The midpoint of every edge of a mesh."""
+
+    def __init__(self, mesh: TetMesh) -> None:
+        pairs = mesh.cells[:, EDGES].astype(np.int64)
+        super().__init__(mesh, np.unique(_edge_keys(pairs, mesh.num_points)))
 
     def of(self, pairs: Integers) -> Integers:
         """Point index of the midpoint of each edge, shape (n,)."""
-        place: Integers = np.searchsorted(self._keys, self._key(pairs)).astype(np.int64)
-        return np.asarray(place + self._stride, dtype=np.int64)
+        position = np.searchsorted(self.keys, _edge_keys(pairs, self.num_given))
+        return np.asarray(position + self.num_given, dtype=np.int64)
 
     def facets(self, facets: Indices) -> Indices:
         """The four parts of each facet, with the same orientation, shape (4 n, 3)."""
-        if len(facets) == 0:
-            return np.zeros((0, 3), dtype=np.int32)
-        a, b, c = facets.astype(np.int64).T
+        a, b, c = facets.astype(np.int64).reshape(-1, 3).T
         ab, bc, ca = (self.of(np.column_stack(p)) for p in ((a, b), (b, c), (c, a)))
         rows = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         fine: Indices = np.vstack([np.column_stack(row) for row in rows]).astype(np.int32)
         return fine
-
-    def between(self, chosen: Indices) -> Indices:
-        """The chosen points and the midpoints of edges whose two ends are chosen."""
-        first, second = self.ends
-        inside = np.isin(first, chosen) & np.isin(second, chosen)
-        extra = np.flatnonzero(inside) + self._stride
-        both: Indices = np.concatenate([chosen, extra]).astype(np.int32)
-        return both
 
 
 # Local refinement: marked cells are cut at the midpoints of all their edges, and no point hangs.
@@ -265,21 +225,22 @@ def refine_cells(problem: Problem, marked: Mask) -> LocallyRefined:
         {name: cut.facets(rows) for name, rows in mesh.facet_groups.items()},
         {name: cut.between(rows) for name, rows in mesh.point_groups.items()},
     )
-    return LocallyRefined(carry_problem(problem, refined, given_cell, cut.facets), given_cell)
+    carried = on_other_mesh(
+        problem, refined, facets=cut.facets, cells=partial(_cells_within, given_cell)
+    )
+    return LocallyRefined(carried, given_cell)
 
 
-class _Cut:
-    """The edges that are cut, each with its midpoint, after the mesh's own points."""
+class _Cut(_Midpoints):
+    """The midpoints of the edges that are cut, and the parts of cells and facets."""
 
     def __init__(self, mesh: TetMesh, marked: Mask) -> None:
-        self._num_given = mesh.num_points
-        pairs = mesh.cells[:, EDGES].reshape(-1, 2).astype(np.int64)
-        keys, edge_of = np.unique(self._key(pairs), return_inverse=True)
+        pairs = mesh.cells[:, EDGES].astype(np.int64)
+        keys, edge_of = np.unique(_edge_keys(pairs, mesh.num_points), return_inverse=True)
         edges_of_cells = edge_of.reshape(-1, 6)
-        ends = np.column_stack(np.divmod(keys, self._num_given))
-        lengths = np.linalg.norm(mesh.points[ends[:, 0]] - mesh.points[ends[:, 1]], axis=1)
-        rank = np.empty(len(keys), dtype=np.int64)
-        rank[np.lexsort([keys, lengths])] = np.arange(len(keys))
+        first, second = np.divmod(keys, mesh.num_points)
+        lengths = np.linalg.norm(mesh.points[first] - mesh.points[second], axis=1)
+        rank = np.argsort(np.lexsort([keys, lengths]))
         is_cut = np.zeros(len(keys), dtype=bool)
         is_cut[edges_of_cells[marked]] = True
         facets = edges_of_cells[:, _FACET_EDGES].reshape(-1, 3)
@@ -289,15 +250,8 @@ class _Cut:
             if is_cut[wanted].all():
                 break
             is_cut[wanted] = True
-        self._keys, self._rank, self._ends = keys[is_cut], rank[is_cut], ends[is_cut]
-        middle: Points = mesh.points[self._ends].mean(axis=1)
-        self.points: Points = np.vstack([mesh.points, middle])
-
-    def _key(self, pairs: Integers) -> Integers:
-        low, high = pairs.min(axis=-1), pairs.max(axis=-1)
-        # An edge to a new point is no edge of the given mesh.
-        key: Integers = np.where(high < self._num_given, low * self._num_given + high, -1)
-        return key
+        super().__init__(mesh, keys[is_cut])
+        self._rank = rank[is_cut]
 
     def simplices(self, corners: Indices, edges: Integers) -> tuple[Integers, Indices]:
         """Cut cells or facets until none has an edge that is cut.
@@ -309,19 +263,22 @@ class _Cut:
         done_of: list[Integers] = []
         rows = corners.astype(np.int64)
         given = np.arange(len(rows))
-        while len(rows):
-            keys = self._key(rows[:, edges])
-            place = np.searchsorted(self._keys, keys)
-            place[place == len(self._keys)] = 0
-            is_cut = (keys >= 0) & (self._keys[place] == keys) if len(self._keys) else keys < -1
+        while True:
+            pairs = rows[:, edges]
+            keys = _edge_keys(pairs, self.num_given)
+            # An edge to a new point is no edge of the given mesh.
+            is_cut = (pairs < self.num_given).all(axis=-1) & np.isin(keys, self.keys)
+            number = np.searchsorted(self.keys, keys)
             active = is_cut.any(axis=1)
             done.append(rows[~active])
             done_of.append(given[~active])
-            rows, given, place = rows[active], given[active], place[active]
-            rank = np.where(is_cut[active], self._rank[place], -1) if len(rows) else place
-            first = rank.argmax(axis=1) if len(rows) else np.zeros(0, dtype=np.int64)
+            if not active.any():
+                break
+            rows, given, is_cut = rows[active], given[active], is_cut[active]
+            number = np.where(is_cut, number[active], 0)
+            first = np.where(is_cut, self._rank[number], -1).argmax(axis=1)
             here = np.arange(len(rows))
-            middle = self._num_given + place[here, first]
+            middle = self.num_given + number[here, first]
             halves = []
             for side in (0, 1):
                 half = rows.copy()
@@ -334,13 +291,5 @@ class _Cut:
 
     def facets(self, facets: Indices) -> Indices:
         """The parts of some facets, oriented as they were, shape (n, 3)."""
-        if len(facets) == 0:
-            return np.zeros((0, 3), dtype=np.int32)
         parts: Indices = self.simplices(np.asarray(facets), _FACET_PAIRS)[0].astype(np.int32)
         return parts
-
-    def between(self, chosen: Indices) -> Indices:
-        """The chosen points and the midpoints of cut edges whose two ends are chosen."""
-        inside = np.isin(self._ends, chosen).all(axis=1)
-        both: Indices = np.concatenate([chosen, np.flatnonzero(inside) + self._num_given])
-        return both.astype(np.int32)

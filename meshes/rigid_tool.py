@@ -134,8 +134,8 @@ class ToolPath:
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64)
-        positions = np.array(self.positions, dtype=np.float64)
-        rotations = np.array(self.rotations, dtype=np.float64)
+        positions = np.array(self.positions, dtype=np.float64, order="C")
+        rotations = np.array(self.rotations, dtype=np.float64, order="C")
         count = len(times) if times.ndim == 1 else 0
         if rotations.shape == (0, 4):
             rotations = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body, cell_stress
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.boundary_conditions import Load, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Inclusion, Problem
-from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.problem import Problem, on_other_mesh
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 
 
@@ -171,37 +169,15 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
         graded: That mesh, refined.
     """
 
-    def carried_support(support: Support) -> Support:
-        facets = graded.carry_facets(support.facets) if len(support.facets) else support.facets
-        points = graded.carry_points(support.points)
-        return dataclasses.replace(support, points=points, facets=facets)
+    def cells(chosen: Indices) -> Indices:
+        return np.flatnonzero(np.isin(graded.given_cell, chosen)).astype(np.int32)
 
-    def carried_load(load: Load) -> Load:
-        if isinstance(load, Traction | Pressure):
-            return dataclasses.replace(load, facets=graded.carry_facets(load.facets))
-        return load
-
-    def carried_tool(tool: RigidTool) -> RigidTool:
-        facets = tool.contact_facets
-        carried = graded.carry_facets(facets) if len(facets) else facets
-        return dataclasses.replace(tool, contact_facets=carried)
-
-    def carried_inclusion(inclusion: Inclusion) -> Inclusion:
-        inside = np.isin(graded.given_cell, inclusion.cells)
-        return dataclasses.replace(inclusion, cells=np.flatnonzero(inside).astype(np.int32))
-
-    return dataclasses.replace(
-        problem,
-        mesh=graded.mesh,
-        supports=tuple(carried_support(s) for s in problem.supports),
-        loads=tuple(carried_load(load) for load in problem.loads),
-        tools=tuple(carried_tool(tool) for tool in problem.tools),
-        springs=tuple(
-            dataclasses.replace(spring, facets=graded.carry_facets(spring.facets))
-            for spring in problem.springs
-        ),
-        inclusions=tuple(carried_inclusion(one) for one in problem.inclusions),
+    carried = on_other_mesh(problem, graded.mesh, facets=graded.carry_facets, cells=cells)
+    supports = (
+        dataclasses.replace(new, points=graded.carry_points(old.points))
+        for old, new in zip(problem.supports, carried.supports, strict=True)
     )
+    return dataclasses.replace(carried, supports=tuple(supports))
 
 
 # Error of a solution on linear tetrahedra: recovered against computed stress.
