@@ -288,74 +288,56 @@ def require_agreement(mesh: TetMesh, supports: Sequence[Support], end_time: floa
     if not shared.size:
         return
     for time, factors in _moments(supports, end_time):
-        guilty = _clash(mesh.points[shared], shared, supports, factors)
+        guilty = _disagreement(mesh.points[shared], shared, supports, factors)
         if guilty is not None:
             raise DisagreeingSupportsError(*guilty, time)
 
 
-def _clash(
-    places: Points, points: NDArray[np.int64], supports: Sequence[Support], factors: Sequence[float]
-) -> tuple[list[int], tuple[int, int], str, tuple[float, float]] | None:
-    """The points, the two supports, the direction, and what each prescribes for the first [m]."""
-    held = [np.isin(points, support.points) for support in supports]
-    moved = [placed(s, places, factor) for s, factor in zip(supports, factors, strict=True)]
-    sizes = [np.abs(move[here]).max(initial=0.0) for move, here in zip(moved, held, strict=True)]
-    largest = float(max(sizes))
-    if any(support.normal is not None for support in supports):
-        return _slanted_clash(points, supports, held, moved, _AGREE * largest)
-    for a in range(len(supports)):
-        for b in range(a + 1, len(supports)):
-            both = held[a] & held[b]
-            for axis in range(3):
-                if not (supports[a].components[axis] and supports[b].components[axis]):
-                    continue
-                apart = np.abs(moved[a][:, axis] - moved[b][:, axis])
-                guilty = np.flatnonzero(both & (apart > _AGREE * largest))
-                if guilty.size:
-                    wanted = float(moved[a][guilty[0], axis]), float(moved[b][guilty[0], axis])
-                    return points[guilty].tolist(), (a + 1, b + 1), "xyz"[axis], wanted
-    return None
-
-
-def _slanted_clash(
+def _disagreement(
+    positions: Points,
     points: NDArray[np.int64],
     supports: Sequence[Support],
-    held: Sequence[NDArray[np.bool_]],
-    moved: Sequence[Points],
-    slack: float,
+    factors: Sequence[float],
 ) -> tuple[list[int], tuple[int, int], str, tuple[float, float]] | None:
-    """As `_clash` for slanted normals: the first support whose condition cannot be met as well."""
-    found: dict[tuple[int, int], list[int]] = {}
-    shown: dict[tuple[int, int], tuple[str, tuple[float, float]]] = {}
-    for row, point in enumerate(points.tolist()):
-        axes: list[Floats] = []
-        asked: list[float] = []
-        owners: list[int] = []
-        for number, support in enumerate(supports):
-            if not held[number][row]:
-                continue
-            for direction in support.directions:
-                wanted = float(direction @ moved[number][row])
-                if axes:
-                    known = np.array(axes)
-                    weights = np.linalg.pinv(known.T, rcond=_ONE_DIRECTION) @ direction
-                    is_new = np.linalg.norm(direction - weights @ known) > _ONE_DIRECTION
-                    there = float(weights @ np.array(asked))
-                    if not is_new and abs(there - wanted) > slack:
-                        other = owners[int(np.abs(weights).argmax())]
-                        pair = (other + 1, number + 1)
-                        found.setdefault(pair, []).append(point)
-                        name = "(" + ", ".join(f"{d:.4g}" for d in direction) + ")"
-                        shown.setdefault(pair, (name, (there, wanted)))
-                        continue
-                    if not is_new:
-                        continue
-                axes.append(direction)
-                asked.append(wanted)
-                owners.append(number)
-    for pair, guilty in found.items():
-        return sorted(set(guilty)), pair, *shown[pair]
-    return None
+    """The points, the two supports, the direction, and what each prescribes for the first [m]."""
+    covers = np.array([np.isin(points, support.points) for support in supports])
+    moved = [placed(s, positions, factor) for s, factor in zip(supports, factors, strict=True)]
+    tolerance = _AGREE * max(
+        np.abs(move[here]).max(initial=0.0) for move, here in zip(moved, covers, strict=True)
+    )
+    found: dict[tuple[tuple[int, int], int], tuple[str, dict[int, tuple[float, float]]]] = {}
+    # Points of the same supports have the same directions.
+    patterns, pattern_of = np.unique(covers, axis=1, return_inverse=True)
+    for k, pattern in enumerate(patterns.T):
+        rows = np.flatnonzero(pattern_of.reshape(-1) == k)
+        known, owners, wanted = np.zeros((0, 3)), list[int](), np.zeros((len(rows), 0))
+        for number in np.flatnonzero(pattern).tolist():
+            for axis, direction in enumerate(supports[number].directions):
+                here = moved[number][rows] @ direction
+                weights = np.linalg.pinv(known.T, rcond=_ONE_DIRECTION) @ direction
+                if np.linalg.norm(direction - weights @ known) > _ONE_DIRECTION:
+                    known, wanted = np.vstack([known, direction]), np.column_stack([wanted, here])
+                    owners.append(number)
+                    continue
+                there = wanted @ weights
+                other = owners[int(np.abs(weights).argmax())]
+                for row in np.flatnonzero(np.abs(there - here) > tolerance).tolist():
+                    name, by_point = found.setdefault(
+                        ((other + 1, number + 1), axis), (_name(direction), {})
+                    )
+                    by_point[int(points[rows[row]])] = float(there[row]), float(here[row])
+    if not found:
+        return None
+    (pair, _), (name, by_point) = min(found.items())
+    guilty = sorted(by_point)
+    return guilty, pair, name, by_point[guilty[0]]
+
+
+def _name(direction: Floats) -> str:
+    for axis in range(3):
+        if direction[axis] == 1.0:
+            return "xyz"[axis]
+    return "(" + ", ".join(f"{d:.4g}" for d in direction) + ")"
 
 
 def placed(support: Support, points: Points, factor: float) -> Points:
