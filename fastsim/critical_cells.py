@@ -20,6 +20,7 @@ from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.triangles import facet_areas, side_lengths
 
 # Largest number of cells listed for a mesh.
 MOST_TOLD = 10
@@ -91,9 +92,8 @@ def wave_speed(material: Material) -> float:
 
 def facet_altitudes(corners: Points) -> Floats:
     """Smallest altitude of each facet [m], given by its corners, shape (num_facets, 3, 3)."""
-    longest = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(np.linalg.norm(across, axis=1) / longest, dtype=np.float64)
+    altitudes: Floats = 2.0 * facet_areas(corners) / side_lengths(corners).max(axis=1)
+    return altitudes
 
 
 def mesh_to_time_step(

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
+from palpate.meshes.triangles import facet_normals, side_lengths
 
 # Where the two-way distance comes out too large, or sheets meet, a tighter bound is tried on
 # each step.
@@ -132,15 +133,10 @@ def remesh_surface(
 
 def _smallest_angle(corners: Points) -> float:
     """Smallest angle of facets with these corners, shape (num_facets, 3, 3) [degrees]."""
-    smallest = np.inf
-    for k in range(3):
-        u = corners[:, (k + 1) % 3] - corners[:, k]
-        v = corners[:, (k + 2) % 3] - corners[:, k]
-        across = np.linalg.norm(np.cross(u, v), axis=1)
-        smallest = min(
-            smallest, float(np.arctan2(across, np.einsum("ij,ij->i", u, v)).min(initial=np.inf))
-        )
-    return float(np.degrees(smallest))
+    u, v = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(u, v), axis=2)
+    angles = np.arctan2(across, np.einsum("ijk,ijk->ij", u, v))
+    return float(np.degrees(angles.min(initial=np.inf)))
 
 
 # A remeshed surface moved a little, so that it encloses the volume of the given one.
@@ -213,7 +209,7 @@ def keep_volume(
                 if part > kept.part:
                     kept = KeptVolume(moved, apart, min(part, 1.0))
                 break
-            far = _far_facets(moved, facets, searched, distance)
+            far = facet_distances(moved, facets, searched) > distance
             moves[np.unique(facets[far]) if far.any() else slice(None)] *= 0.5
         if abs(wanted - _volume(kept.points, facets)) <= _CLOSE * abs(wanted):
             return KeptVolume(kept.points, kept.distance, 1.0)
@@ -223,7 +219,7 @@ def keep_volume(
 def _moves(points: Points, facets: Indices, searched: _core.SurfaceDistance) -> Points:
     """Displacement of each point for a factor of 1 [m]."""
     corners = points[facets]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = facet_normals(corners)
     sizes = np.linalg.norm(areas, axis=1)
     normals = areas / np.maximum(sizes, np.finfo(float).tiny)[:, None]
     centres = corners.mean(axis=1)
@@ -273,40 +269,33 @@ def _helps(points: Points, facets: Indices, moves: Points, wanted: float) -> boo
     return abs(wanted - after) < abs(wanted - _volume(points, facets))
 
 
-def _far_facets(
-    points: Points, facets: Indices, searched: _core.SurfaceDistance, distance: float
-) -> NDArray[np.bool_]:
-    """Facets with a corner, a middle of an edge or their centre too far from the given surface."""
-    corners = points[facets]
-    places = np.stack(
-        [*corners.transpose(1, 0, 2), *_middles(corners).transpose(1, 0, 2), corners.mean(axis=1)]
-    )
-    apart = searched.distances(np.ascontiguousarray(places.reshape(-1, 3))).reshape(7, -1)
-    far: NDArray[np.bool_] = apart.max(axis=0) > distance
-    return far
-
-
-def _middles(corners: Points) -> Points:
-    return 0.5 * (corners + corners[:, [1, 2, 0]])
-
-
 def two_way_distance(
     points: Points,
     facets: Indices,
     given: tuple[Points, Indices],
     searched: _core.SurfaceDistance,
 ) -> float:
-    """Largest distance of either surface from the other, at points, middles of edges, centres."""
+    """Largest distance of either surface from the other, by `facet_distances` [m]."""
     made = _core.SurfaceDistance(np.ascontiguousarray(points), facets)
-    there = searched.distances(_samples(points, facets)).max(initial=0.0)
-    return float(max(there, made.distances(_samples(*given)).max(initial=0.0)))
+    there = facet_distances(points, facets, searched).max(initial=0.0)
+    return float(max(there, facet_distances(*given, made).max(initial=0.0)))
 
 
-def _samples(points: Points, facets: Indices) -> Points:
+def facet_distances(points: Points, facets: Indices, other: _core.SurfaceDistance) -> Floats:
+    """Distance of facets from another surface [m], shape (num_facets,).
+
+    The largest over the corners, the middles of the sides and the centre of each.
+    """
+    used, number = np.unique(facets, return_inverse=True)
     corners = points[facets]
-    middles = _middles(corners).reshape(-1, 3)
-    parts = (points[np.unique(facets)], middles, corners.mean(axis=1))
-    return np.ascontiguousarray(np.vstack(parts))
+    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
+    places = np.vstack([points[used], middles.reshape(-1, 3), corners.mean(axis=1)])
+    apart = other.distances(np.ascontiguousarray(places))
+    at_points, at_middles, at_centres = np.split(apart, [len(used), len(used) + 3 * len(facets)])
+    found: Floats = np.column_stack(
+        [at_points[number].reshape(-1, 3), at_middles.reshape(-1, 3), at_centres]
+    ).max(axis=1)
+    return found
 
 
 def _volume(points: Points, facets: Indices) -> float:
@@ -324,8 +313,7 @@ def compact_facets(surface: TriSurface) -> tuple[NDArray[np.int32], Indices]:
 
 def mean_edge_length(points: Points, facets: Indices) -> float:
     """Mean over the facets' sides [m]; each edge of a closed surface counts twice."""
-    corners = points[facets]
-    return float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+    return float(side_lengths(points[facets]).mean())
 
 
 def require_no_self_intersection(points: Points, facets: Indices, *, most: int) -> None:

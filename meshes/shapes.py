@@ -7,6 +7,8 @@ Box, sphere, cylinder, thick sphere and its eighth, and tube; `stitch_rings` and
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +38,8 @@ def shape_box(
     """
     require_positive(x=size[0], y=size[1], z=size[2], edge_length=edge_length)
     counts = [max(1, round(length / edge_length)) for length in size]
-    index: dict[tuple[int, int, int], int] = {}
-    points: list[tuple[float, ...]] = []
+    point = _Numbering(lambda *at: [s * p / n for s, p, n in zip(size, at, counts, strict=True)])
     facets: list[tuple[int, int, int]] = []
-
-    def point(place: tuple[int, int, int]) -> int:
-        if place not in index:
-            index[place] = len(points)
-            points.append(tuple(s * p / n for s, p, n in zip(size, place, counts, strict=True)))
-        return index[place]
 
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -53,14 +48,12 @@ def shape_box(
                 for j in range(counts[v]):
                     corners = []
                     for du, dv in ((0, 0), (1, 0), (1, 1), (0, 1)):
-                        place = [0, 0, 0]
-                        place[axis], place[u], place[v] = end, i + du, j + dv
-                        corners.append(point((place[0], place[1], place[2])))
-                    if end == 0:
-                        corners = corners[::-1]
-                    a, b, c, d = corners
-                    facets += [(a, b, c), (a, c, d)] if (i + j) % 2 else [(a, b, d), (b, c, d)]
-    return TriSurface(np.array(points), np.array(facets))
+                        at = [0, 0, 0]
+                        at[axis], at[u], at[v] = end, i + du, j + dv
+                        corners.append(point(*at))
+                    a, b, c, d = corners if end else corners[::-1]
+                    facets += _halves((a, b, c, d), i + j)
+    return TriSurface(np.array(point.positions), np.array(facets))
 
 
 def shape_beam(length: float, width: float, height: float, *, edge_length: float) -> TriSurface:
@@ -93,23 +86,19 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
         (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
         (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
     ]  # fmt: skip
-    index: dict[tuple[tuple[int, int], ...], int] = {}
-    points: list[Points] = []
     facets: list[tuple[int, int, int]] = []
 
-    def point(weights: dict[int, int]) -> int:
-        key = tuple(sorted((corner, w) for corner, w in weights.items() if w))
-        if key not in index:
-            index[key] = len(points)
-            place = np.zeros(3)
-            for corner, weight in key:
-                place = place + weight * corners[corner]
-            points.append(place / math.sqrt(float(place @ place)))
-        return index[key]
+    def position(*weights: tuple[int, int]) -> Points:
+        total = np.zeros(3)
+        for corner, weight in weights:
+            total = total + weight * corners[corner]
+        return total / math.sqrt(float(total @ total))
 
+    point = _Numbering(position)
     for a, b, c in sides:
+        # Points on a common side have no weight at the third corner.
         grid = {
-            (i, j): point({a: parts - i - j, b: i, c: j})
+            (i, j): point(*sorted((v, w) for v, w in ((a, parts - i - j), (b, i), (c, j)) if w))
             for i in range(parts + 1)
             for j in range(parts + 1 - i)
         }
@@ -118,7 +107,7 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
                 facets.append((grid[i, j], grid[i + 1, j], grid[i, j + 1]))
                 if i + j < parts - 1:
                     facets.append((grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]))
-    return TriSurface(radius * np.array(points), np.array(facets))
+    return TriSurface(radius * np.array(point.positions), np.array(facets))
 
 
 def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSurface:
@@ -270,18 +259,13 @@ def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: floa
     # n^2 triangles on an area of pi R^2 / 2: equilateral triangles of that density.
     n = max(1, round(radius * math.sqrt(2.0 * math.pi / math.sqrt(3.0)) / edge_length))
     layers = max(1, round((radius - inner_radius) / edge_length))
-    index: dict[tuple[int, int, int], int] = {}
-    points: list[Points] = []
 
-    def point(i: int, j: int, layer: int) -> int:
-        key = (i, j, layer)
-        if key not in index:
-            index[key] = len(points)
-            direction = np.array([n - i - j, i, j]) / math.hypot(n - i - j, i, j)
-            part = layer / layers
-            points.append(((1.0 - part) * inner_radius + part * radius) * direction)
-        return index[key]
+    def position(i: int, j: int, layer: int) -> Points:
+        direction = np.array([n - i - j, i, j]) / math.hypot(n - i - j, i, j)
+        part = layer / layers
+        return ((1.0 - part) * inner_radius + part * radius) * direction
 
+    point = _Numbering(position)
     facets: list[tuple[int, int, int]] = []
     for i in range(n):
         for j in range(n - i):
@@ -301,7 +285,7 @@ def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: floa
                 low, high = layer, layer + 1
                 quad = point(a, b, low), point(c, d, low), point(c, d, high), point(a, b, high)
                 facets += _halves(quad, k + layer)
-    return TriSurface(np.array(points), np.array(facets))
+    return TriSurface(np.array(point.positions), np.array(facets))
 
 
 def shape_tube(
@@ -322,40 +306,48 @@ def shape_tube(
     require_positive(height=height)
     around = max(6, round(2.0 * math.pi * radius / edge_length))
     rows, layers = (max(1, round(x / edge_length)) for x in (height, radius - inner_radius))
-    index: dict[tuple[int, int, int], int] = {}
-    points: list[Points] = []
 
-    def point(k: int, layer: int, row: int) -> int:
-        key = (k % around, layer, row)
-        if key not in index:
-            index[key] = len(points)
-            angle, part = 2.0 * math.pi * key[0] / around, layer / layers
-            r = (1.0 - part) * inner_radius + part * radius
-            place = (r * math.cos(angle), r * math.sin(angle), height * row / rows)
-            points.append(np.array(place))
-        return index[key]
+    def position(k: int, layer: int, row: int) -> list[float]:
+        angle, part = 2.0 * math.pi * k / around, layer / layers
+        r = (1.0 - part) * inner_radius + part * radius
+        return [r * math.cos(angle), r * math.sin(angle), height * row / rows]
 
+    point = _Numbering(position)
     facets: list[tuple[int, int, int]] = []
+
+    def add_quad(a: int, b: int, low: tuple[int, int], high: tuple[int, int], number: int) -> None:
+        """Two triangles between the angles a and b, from one layer and row to another."""
+        a, b = a % around, b % around
+        quad = point(a, *low), point(b, *low), point(b, *high), point(a, *high)
+        facets.extend(_halves(quad, number))
+
     for k in range(around):
         for row in range(rows):
             for layer, (a, b) in ((layers, (k, k + 1)), (0, (k + 1, k))):
-                quad = (
-                    point(a, layer, row),
-                    point(b, layer, row),
-                    point(b, layer, row + 1),
-                    point(a, layer, row + 1),
-                )
-                facets += _halves(quad, k + row)
+                add_quad(a, b, (layer, row), (layer, row + 1), k + row)
         for layer in range(layers):
             for row, (a, b) in ((rows, (k, k + 1)), (0, (k + 1, k))):
-                quad = (
-                    point(a, layer + 1, row),
-                    point(b, layer + 1, row),
-                    point(b, layer, row),
-                    point(a, layer, row),
-                )
-                facets += _halves(quad, k + layer)
-    return TriSurface(np.array(points), np.array(facets))
+                add_quad(a, b, (layer + 1, row), (layer, row), k + layer)
+    return TriSurface(np.array(point.positions), np.array(facets))
+
+
+class _Numbering:
+    """Numbers points in the order in which they are first asked for, each once.
+
+    Args:
+        position: From what names a point to its coordinates.
+    """
+
+    def __init__(self, position: Callable[..., Points | list[float]]) -> None:
+        self._position = position
+        self._numbers: dict[tuple[Any, ...], int] = {}
+        self.positions: list[Points | list[float]] = []
+
+    def __call__(self, *key: Any) -> int:
+        if key not in self._numbers:
+            self._numbers[key] = len(self.positions)
+            self.positions.append(self._position(*key))
+        return self._numbers[key]
 
 
 def _halves(quad: Quad, number: int) -> list[tuple[int, int, int]]:

@@ -14,6 +14,7 @@ from palpate.fastsim import _core
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.meshes.arrays import Floats, Points, checked_points
 from palpate.meshes.errors import InputError
+from palpate.meshes.quality import edge_lengths
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.tri_surface import TriSurface
 
@@ -97,7 +98,9 @@ def refine_to_size(graded: GradedMesh, size: SizeField, *, max_cells: int = 5_00
         InputError: The field gives a size that is not above 0.
     """
     for _ in range(_MOST_ROUNDS):
-        marked = mean_edges(graded.points, graded.cells) > _checked_sizes(size, graded)
+        marked = mean_edges(graded.points, graded.cells) > _checked(
+            size, graded.points[graded.cells].mean(axis=1)
+        )
         if not marked.any():
             return
         if len(graded.cells) + int(marked.sum()) > max_cells:
@@ -111,19 +114,8 @@ def refine_to_size(graded: GradedMesh, size: SizeField, *, max_cells: int = 5_00
 
 def mean_edges(points: Points, cells: NDArray[np.int32]) -> Floats:
     """Mean length of each cell's six edges [m], shape (num_cells,)."""
-    corners = points[cells]
-    total = np.zeros(len(cells))
-    for i in range(4):
-        for j in range(i + 1, 4):
-            total += np.linalg.norm(corners[:, i] - corners[:, j], axis=1)
-    return total / 6.0
-
-
-def _checked_sizes(size: SizeField, graded: GradedMesh) -> Floats:
-    wanted = np.asarray(size(graded.points[graded.cells].mean(axis=1)), dtype=np.float64)
-    if wanted.shape != (len(graded.cells),) or not np.all(wanted > 0.0):
-        raise InputError("a size field must return one edge length above 0 for each place")
-    return wanted
+    lengths: Floats = edge_lengths(points, cells).mean(axis=1)
+    return lengths
 
 
 _MOST_LEVELS = 12
@@ -196,5 +188,5 @@ def sample_sizes(
 def _checked(field: SizeField, places: Points) -> Floats:
     wanted = np.asarray(field(places), dtype=np.float64)
     if wanted.shape != (len(places),) or not np.all(wanted > 0.0):
-        raise InputError("a size field must return one edge length above 0 for each place")
+        raise InputError("a size field must return one edge length above 0 for each position")
     return wanted

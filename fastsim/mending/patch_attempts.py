@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
+from palpate.fastsim.surface_remesher import facet_distances
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
 from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
-from palpate.meshes.triangles import edge_uses
+from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths
 
 Mask = NDArray[np.bool_]
 # Rings around the facets that cross: a fold is a few facets wide.
@@ -80,8 +81,7 @@ def pulled_apart(
         most: Largest movement of a point [m].
     """
     points, facets = part.points, part.facets
-    corners = points[facets[rows]]
-    step = _STEP * float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+    step = _STEP * float(side_lengths(points[facets[rows]]).mean())
     normals = _point_normals(points, facets)
     edges = edges_of(facets)
     moved, bad, counts = points.copy(), rows, list[int]()
@@ -150,10 +150,9 @@ def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
 def is_clean(points: Points, facets: Indices, changed: Mask) -> bool:
     """Whether changed facets have an area and cross nothing."""
     corners = points[facets[changed]]
-    sides = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = side_lengths(corners).max(axis=1, initial=0.0)
     # Far above rounding errors, since a mesher has to make cells on the facets.
-    if np.any(np.linalg.norm(normals, axis=1) <= 1e-6 * sides**2):
+    if np.any(np.linalg.norm(facet_normals(corners), axis=1) <= 1e-6 * longest**2):
         return False
     return len(crossings_of(points, facets, changed)) == 0
 
@@ -185,8 +184,7 @@ def _rim_loops(patch: Indices) -> list[list[int]] | None:
 
 
 def _point_normals(points: Points, facets: Indices) -> Points:
-    corners = points[facets]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors = facet_normals(points[facets])
     total = np.column_stack(
         [
             sum(
@@ -236,25 +234,10 @@ def facets_near(
     return np.flatnonzero(meets.all(axis=1))
 
 
-def samples_of(points: Points, facets: Indices) -> Points:
-    """Corners, middles of edges and centres of facets [m], shape (num_samples, 3)."""
-    corners = points[facets]
-    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
-    return np.vstack([points[np.unique(facets)], middles.reshape(-1, 3), corners.mean(axis=1)])
-
-
-def one_way_distance(places: Points, points: Points, facets: Indices) -> float:
-    """Largest distance of positions from a surface [m]; 0 without positions."""
-    if not len(places):
-        return 0.0
-    surface = _core.SurfaceDistance(np.ascontiguousarray(points), np.ascontiguousarray(facets))
-    return float(surface.distances(np.ascontiguousarray(places)).max())
-
-
 def distance_apart(
     points: Points, facets: Indices, new_points: Points, new_facets: Indices
 ) -> float:
-    """Largest distance of either surface from the other [m], over `samples_of` what they differ in.
+    """Largest distance of either surface from the other [m], where they differ.
 
     Facets with the same corners in both are left out: there the distance is zero.
     """
@@ -263,9 +246,17 @@ def distance_apart(
     inverse = inverse.reshape(-1)
     only_old = ~np.isin(inverse[: len(old)], inverse[len(old) :])
     only_new = ~np.isin(inverse[len(old) :], inverse[: len(old)])
-    there = one_way_distance(samples_of(points, facets[only_old]), new_points, new_facets)
-    back = one_way_distance(samples_of(new_points, new_facets[only_new]), points, facets)
+    there = _distance_from(points, facets[only_old], new_points, new_facets)
+    back = _distance_from(new_points, new_facets[only_new], points, facets)
     return max(there, back)
+
+
+def _distance_from(points: Points, facets: Indices, others: Points, rows: Indices) -> float:
+    """Largest distance of facets from another surface [m]; 0 without facets."""
+    if not len(facets):
+        return 0.0
+    other = _core.SurfaceDistance(np.ascontiguousarray(others), np.ascontiguousarray(rows))
+    return float(facet_distances(points, facets, other).max())
 
 
 def _places_of(points: Points, facets: Indices) -> Points:

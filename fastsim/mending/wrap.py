@@ -15,11 +15,13 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import grid_of_sizes
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.fastsim.surface_remesher import facet_distances
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.repair.patches import loose_facets
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import EmptySurfaceError, TriSurface
+from palpate.meshes.triangles import facet_normals
 
 # The grid's cubes and the moves for better triangles, of the distance: a cube's diagonal is 1.7
 # edges, and where both are spent at a sharp edge the distance is not.
@@ -130,9 +132,8 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
 
 
 def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> None:
-    corners = points[facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sides = 0.5 * float(np.abs(normals).sum()) / (_SPACING * distance) / (_SPACING * distance)
+    projected = 0.5 * float(np.abs(facet_normals(points[facets])).sum())
+    sides = projected / (_SPACING * distance) / (_SPACING * distance)
     cubes = _CUBES_PER_SIDE * sides
     if not cubes <= _MOST_CUBES:
         # A little more, since it is printed with three digits.
@@ -173,9 +174,10 @@ def _better(surface: TriSurface, moves: float, edge: float) -> TriSurface:
 
 
 def _measure(points: Points, facets: Indices, new: TriSurface, distance: float) -> WrapReport:
-    far = _furthest(new.points, new.facets, points, facets)
+    far = facet_distances(new.points, new.facets, _core.SurfaceDistance(points, facets))
     is_bridge = far > distance
-    lost = _furthest(points, facets, new.points, new.facets)
+    made = _core.SurfaceDistance(np.ascontiguousarray(new.points), new.facets)
+    lost = facet_distances(points, facets, made)
     is_lost = lost > distance
     return WrapReport(
         new.num_facets,
@@ -186,16 +188,3 @@ def _measure(points: Points, facets: Indices, new: TriSurface, distance: float) 
         float(is_lost.mean()),
         float(lost[is_lost].max(initial=0.0)),
     )
-
-
-def _furthest(points: Points, facets: Indices, others: Points, other_facets: Indices) -> Floats:
-    """Largest distance of the samples of each facet from another surface [m]."""
-    surface = _core.SurfaceDistance(np.ascontiguousarray(others), other_facets)
-    corners = points[facets]
-    samples = np.concatenate(
-        [corners, 0.5 * (corners + corners[:, [1, 2, 0]]), corners.mean(axis=1, keepdims=True)],
-        axis=1,
-    )
-    far = surface.distances(np.ascontiguousarray(samples.reshape(-1, 3))).reshape(-1, 7)
-    furthest: Floats = far.max(axis=1)
-    return furthest
