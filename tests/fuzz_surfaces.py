@@ -19,9 +19,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.fastsim.mending.mend import mend_surface
-from palpate.fastsim.mending.patch_attempts import all_crossings
-from palpate.fastsim.mending.wrap import wrap_surface
+from palpate.fastsim.exact_repair.patch_repairs import all_crossings
+from palpate.fastsim.exact_repair.solid_repair import repair_to_solid
+from palpate.fastsim.exact_repair.wrap import wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.errors import InputError
@@ -145,13 +145,13 @@ MUTATIONS: list[Callable[[Rng, np.ndarray, np.ndarray], Arrays]] = [  # type: ig
 ]  # fmt: skip
 
 
-def try_one(seed: int, *, mends: bool = True) -> str:
+def try_one(seed: int, *, repairs: bool = True) -> str:
     """What became of a surface: the kind of refusal, or "meshed"; a wrong mesh is an error.
 
     Args:
         seed: Of everything that is drawn.
-        mends: Whether some surfaces are mended or wrapped first. It has draws of its own: without
-            it a seed is the surface that it was before there was any mending.
+        repairs: Whether some surfaces are repaired or wrapped first. It has draws of its own, so
+            that a seed without it stays the surface that it is.
     """
     rng, ways = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     points, facets = base(rng)
@@ -161,8 +161,8 @@ def try_one(seed: int, *, mends: bool = True) -> str:
         surface = TriSurface(points, facets)
         if rng.random() < 0.3:
             surface, _ = repair_surface(surface)
-        if mends and ways.random() < 0.4:
-            surface = _mended(ways, surface)
+        if repairs and ways.random() < 0.4:
+            surface = _repaired(ways, surface)
         if rng.random() < 0.1:
             size = np.ptp(surface.points, axis=0).max()
             surface, _ = remesh_surface(surface, distance=size * 10.0 ** rng.uniform(-4, -1))
@@ -177,24 +177,24 @@ def try_one(seed: int, *, mends: bool = True) -> str:
     return "meshed"
 
 
-def _mended(rng: Rng, surface: TriSurface) -> TriSurface:
-    """All that can be mended, or made anew; checked by the exact test."""
+def _repaired(rng: Rng, surface: TriSurface) -> TriSurface:
+    """All that can be repaired, or made anew; checked by the exact test."""
     size = float(np.ptp(surface.points, axis=0).max())
     wraps = rng.random() < 0.5
     if not wraps:
         hole = int(10.0 ** rng.uniform(0, 3))
-        mended = mend_surface(surface, RepairChoices(largest_hole=hole)).surface
+        repaired = repair_to_solid(surface, RepairChoices(largest_hole=hole)).surface
     else:
         distance = size * 10.0 ** rng.uniform(-1.2, 0.0)
         if not 0.0 < distance < np.inf:
             return surface
-        mended = wrap_surface(surface, distance=distance)[0]
-    crossings = all_crossings(mended.points, mended.facets)
+        repaired = wrap_surface(surface, distance=distance)[0]
+    crossings = all_crossings(repaired.points, repaired.facets)
     if len(crossings):
         raise AssertionError(
-            f"{len(crossings)} pair(s) cross after {'wrapping' if wraps else 'mending'}"
+            f"{len(crossings)} pair(s) cross after {'wrapping' if wraps else 'repair'}"
         )
-    return mended
+    return repaired
 
 
 def require_right(surface: TriSurface, mesh: TetMesh) -> None:

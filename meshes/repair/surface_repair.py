@@ -117,7 +117,7 @@ def repair_surface(
     """Merge points, join seams, cut fins, separate sheets, turn facets, close holes, and report it.
 
     Whether the result bounds a solid is checked by `require_closed`. Parts are dropped only by
-    choice; self-intersections are repaired by `palpate.fastsim.mending`.
+    choice; self-intersections are repaired by `palpate.fastsim.exact_repair`.
 
     Args:
         surface: Any surface.

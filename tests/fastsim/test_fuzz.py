@@ -39,7 +39,7 @@ def test_mutated_surfaces_are_meshed_or_refused(tmp_path: Path) -> None:
         14, 322,  # cells flat to rounding where parts of the surface nearly lie in a plane
     ],
 )  # fmt: skip
-def test_what_the_fuzz_has_found_stays_mended(seed: int) -> None:
+def test_what_the_fuzz_has_found_stays_repaired(seed: int) -> None:
     assert _try_one(seed) == "meshed"
 
 
@@ -63,4 +63,4 @@ def _try_one(seed: int) -> str:
     fuzz = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fuzz)
     with np.errstate(all="ignore"):
-        return str(fuzz.try_one(seed, mends=False))
+        return str(fuzz.try_one(seed, repairs=False))

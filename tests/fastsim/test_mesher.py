@@ -93,8 +93,8 @@ def test_a_graded_interior_has_few_cells_and_keeps_the_surface() -> None:
 def test_slivers_are_there_without_the_clean_up() -> None:
     surface = SHAPES["kidney"]()
     raw = mesh_surface(surface, improve=False)
-    mended = mesh_surface(surface)
-    smallest = [np.degrees(dihedral_angles(m.points, m.cells).min()) for m in (raw, mended)]
+    repaired = mesh_surface(surface)
+    smallest = [np.degrees(dihedral_angles(m.points, m.cells).min()) for m in (raw, repaired)]
     assert smallest[0] < 5.0 < smallest[1]
 
 

@@ -126,10 +126,10 @@ def test_mesh_tells_what_it_finds_and_mends_on_request(palpate_run: Run, tmp_pat
     refused = palpate_run(*command, folder=tmp_path)
     assert refused.returncode == 2
     assert "open" in refused.stderr
-    mended = palpate_run(*command, "--repair", folder=tmp_path)
-    assert mended.returncode == 0, mended.stderr
-    assert "closed by" in mended.stderr
-    assert "turned round" in mended.stderr
+    repaired = palpate_run(*command, "--repair", folder=tmp_path)
+    assert repaired.returncode == 0, repaired.stderr
+    assert "closed by" in repaired.stderr
+    assert "turned round" in repaired.stderr
     assert read_mesh(tmp_path / "k.vtu").volume == pytest.approx(kidney.volume, rel=1e-3)
     assert palpate_run(*command, "--largest-hole", 9, folder=tmp_path).returncode == 2
     small = palpate_run(*command, "--repair", "--largest-hole", 2, folder=tmp_path)
@@ -166,7 +166,7 @@ def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(
         assert area / 2 > np.pi / 4 * width.prod()
 
 
-def test_a_surface_that_cuts_itself_is_mended_within_a_distance_that_is_said(
+def test_a_surface_that_cuts_itself_is_repaired_within_a_distance_that_is_said(
     palpate_run: Run, tmp_path: Path
 ) -> None:
     kidney = shape_kidney(edge_length=12e-3)

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.fastsim.mending.mend import EntangledError, mend_surface
-from palpate.fastsim.mending.wrap import WrapError, wrap_surface
+from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_solid
+from palpate.fastsim.exact_repair.wrap import WrapError, wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
 from palpate.fastsim.nested_bodies import CrossingBodiesError
 from palpate.meshes.arrays import Points
@@ -129,7 +129,7 @@ def load_surface(
                 notes = [wrapped.line()]
             elif repair is not None:
                 notes = [n for n in notes if "without a facet" in n]
-                repaired = mend_surface(surface, repair)
+                repaired = repair_to_solid(surface, repair)
                 surface, groups = repaired.surface, repaired.caps
                 notes += repaired.lines
     except WrapError as error:

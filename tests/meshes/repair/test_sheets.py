@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.mending.patch_attempts import is_clean
+from palpate.fastsim.exact_repair.patch_repairs import is_clean
 from palpate.meshes.repair.surface_repair import repair_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import find_shells

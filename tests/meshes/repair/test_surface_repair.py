@@ -33,7 +33,7 @@ def test_a_sound_surface_is_left_as_it_is() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_soup_with_noise_turned_facets_and_holes_is_mended(seed: int) -> None:
+def test_soup_with_noise_turned_facets_and_holes_is_repaired(seed: int) -> None:
     rng = np.random.default_rng(seed)
     noise = rng.uniform(-1e-8, 1e-8, (3 * BALL.num_facets, 3))
     facets = np.arange(3 * BALL.num_facets).reshape(-1, 3)
@@ -85,7 +85,7 @@ def test_shells_are_turned_by_their_nesting() -> None:
     assert len(report.turned_facets) == both.num_facets
 
 
-def test_what_cannot_be_mended_safely_is_refused() -> None:
+def test_what_cannot_be_repaired_safely_is_refused() -> None:
     # A wall across the box, given once: three facets at its edges, and no side is the outside.
     box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
     at = [int(np.argmin(np.abs(box.points - [0.5, y, z]).sum(axis=1))) for y, z in _AROUND]

@@ -260,7 +260,7 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     assert ") mm" in said
     assert "facet " in said
     said = refused(path, "--repair", "--repair-distance", "0.001")
-    assert "could not be mended within 0.001 mm" in said
+    assert "could not be repaired within 0.001 mm" in said
     assert "--repair-distance D" in said
     assert "--wrap D" in said
     assert " m," not in said

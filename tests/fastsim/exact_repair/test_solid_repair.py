@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.fastsim.mending.mend import mend_surface
-from palpate.fastsim.mending.patch_attempts import all_crossings
+from palpate.fastsim.exact_repair.patch_repairs import all_crossings
+from palpate.fastsim.exact_repair.solid_repair import repair_to_solid
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
@@ -27,21 +27,21 @@ def without(body: TriSurface, cut: Callable[[Rows], Rows]) -> TriSurface:
 
 
 def require_capped(torn: TriSurface, edges: list[int]) -> TriSurface:
-    done = mend_surface(torn)
-    mended = done.surface
-    require_closed(mended)
-    assert len(all_crossings(mended.points, mended.facets)) == 0
+    done = repair_to_solid(torn)
+    repaired = done.surface
+    require_closed(repaired)
+    assert len(all_crossings(repaired.points, repaired.facets)) == 0
     assert list(done.caps) == [f"cap {k}" for k in range(1, len(edges) + 1)]
     for rows, count in zip(done.caps.values(), edges, strict=True):
         uses: dict[tuple[int, int], int] = {}
-        for f in mended.facets[rows].tolist():
+        for f in repaired.facets[rows].tolist():
             for a, b in zip(f, f[1:] + f[:1], strict=True):
                 uses[min(a, b), max(a, b)] = uses.get((min(a, b), max(a, b)), 0) + 1
         assert sum(n == 1 for n in uses.values()) == count
     # What was there is there still, facet by facet.
-    rest = np.setdiff1d(np.arange(mended.num_facets), np.concatenate(list(done.caps.values())))
-    assert np.array_equal(mended.points[mended.facets[rest]], torn.points[torn.facets])
-    return mended
+    rest = np.setdiff1d(np.arange(repaired.num_facets), np.concatenate(list(done.caps.values())))
+    assert np.array_equal(repaired.points[repaired.facets[rest]], torn.points[torn.facets])
+    return repaired
 
 
 @pytest.mark.parametrize("edge", [11e-3, 7e-3, 4e-3])
@@ -74,11 +74,11 @@ def test_concave_and_annular_holes() -> None:
         far = np.linalg.norm(x - [0.0, 0.0, 1.0], axis=1)
         return (far > 0.25) & (far < 0.45)
 
-    concave = mend_surface(without(ball, crescent))
+    concave = repair_to_solid(without(ball, crescent))
     require_closed(concave.surface)
     assert concave.surface.volume == pytest.approx(ball.volume, rel=0.05)
     # The island stays where it is: one band joins it to the rest.
-    annular = mend_surface(without(ball, ring))
+    annular = repair_to_solid(without(ball, ring))
     (shell,) = require_closed(annular.surface)
     assert shell.volume == pytest.approx(ball.volume, rel=0.01)
     assert list(annular.caps) == ["cap 1"]
@@ -89,7 +89,7 @@ def test_facing_loops_are_joined_where_a_band_is_smaller_than_two_caps(
     half_gap: float, num_shells: int
 ) -> None:
     tube = shape_cylinder(0.5, 3.0, edge_length=0.15)
-    done = mend_surface(without(tube, lambda x: np.abs(x[:, 2] - 1.5) < half_gap))
+    done = repair_to_solid(without(tube, lambda x: np.abs(x[:, 2] - 1.5) < half_gap))
     assert len(require_closed(done.surface)) == num_shells
     assert len(done.caps) == num_shells
 
@@ -98,11 +98,11 @@ def test_the_largest_hole_that_is_closed_is_a_choice() -> None:
     ball = shape_sphere(1.0, edge_length=0.2)
     torn = without(ball, lambda x: x[:, 2] > 0.5)
     with pytest.raises(OpenSurfaceError, match="allow holes of") as caught:
-        mend_surface(torn, RepairChoices(largest_hole=10))
+        repair_to_solid(torn, RepairChoices(largest_hole=10))
     edges = len(caught.value.edges)
     assert f"holes of {edges} edges" in str(caught.value)
-    mended = mend_surface(torn, RepairChoices(largest_hole=edges))
-    require_closed(mended.surface)
+    repaired = repair_to_solid(torn, RepairChoices(largest_hole=edges))
+    require_closed(repaired.surface)
 
 
 def test_choices_out_of_range_are_refused() -> None:

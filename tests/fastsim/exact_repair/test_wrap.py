@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.fastsim import _core
-from palpate.fastsim.mending.patch_attempts import all_crossings
-from palpate.fastsim.mending.wrap import WrapError, WrapReport, wrap_surface
+from palpate.fastsim.exact_repair.patch_repairs import all_crossings
+from palpate.fastsim.exact_repair.wrap import WrapError, WrapReport, wrap_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import winding_numbers
@@ -103,7 +103,7 @@ def test_the_grid_alone_is_closed_and_crosses_nothing() -> None:
 def test_the_distance_that_is_said_to_do_does(
     body: TriSurface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.fastsim.mending.wrap._MOST_CUBES", 1_500)
+    monkeypatch.setattr("palpate.fastsim.exact_repair.wrap._MOST_CUBES", 1_500)
     with pytest.raises(WrapError, match="would do") as caught:
         wrap_surface(body, distance=0.01)
     (enough,) = re.findall(r"([\d.]+) m would do", str(caught.value))
@@ -116,6 +116,6 @@ def test_a_wide_hole_that_takes_too_many_cubes_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     half = BALL.facets[BALL.points[BALL.facets].mean(axis=1)[:, 2] < 0.0]
-    monkeypatch.setattr("palpate.fastsim.mending.wrap._MOST_CUBES", 1_900)
+    monkeypatch.setattr("palpate.fastsim.exact_repair.wrap._MOST_CUBES", 1_900)
     with pytest.raises(WrapError, match=r"holes are bridged.* try 0\.2 m"):
         wrap_surface(TriSurface(BALL.points, half), distance=0.1)

@@ -32,13 +32,13 @@ class Surroundings:
     Attributes:
         points: [m].
         facets: Facets of the part.
-        is_held: Points where the surface continues, which stay fixed, shape (num_points,).
+        is_fixed: Points where the surface continues, which stay fixed, shape (num_points,).
         most_facets: Largest number of facets of a patch.
     """
 
     points: Points
     facets: Indices
-    is_held: Mask
+    is_fixed: Mask
     most_facets: float
 
 
@@ -62,7 +62,7 @@ def smoothed(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
         if patch is None:
             return None
         free = inner_points(facets, patch, len(points))
-        free = free[~part.is_held[free]]
+        free = free[~part.is_fixed[free]]
         moved = fair_points(points, facets[grow(facets, patch, 2)], free)
         if is_clean(moved, facets, patch):
             return Attempt(moved, facets, np.arange(len(facets)))
@@ -97,7 +97,7 @@ def pulled_apart(
             pull = spread
         moved = moved + (step if outwards else -step) * pull[:, None] * normals
         shift = np.linalg.norm(moved - points, axis=1)
-        if shift.max() > most or shift[part.is_held].any():
+        if shift.max() > most or shift[part.is_fixed].any():
             return None
         changed = (shift > 0.0)[facets].any(axis=1)
         changed[rows] = True
@@ -127,21 +127,21 @@ def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
         kept = np.flatnonzero(~patch)
         near = facets[grow(facets, patch, 2) & ~patch]
         taken = set(map(tuple, edges_of(near).tolist()))
-        caps, place, is_whole = [], points, True
+        caps, positions, is_whole = [], points, True
         for loop in loops:
-            cap = next(cap_loop(place, loop, taken), None)
+            cap = next(cap_loop(positions, loop, taken), None)
             is_whole = is_whole and cap is not None
             if cap is not None:
-                place = np.vstack([place, cap[0]])
+                positions = np.vstack([positions, cap[0]])
                 caps.append(cap[1])
                 taken.update(map(tuple, edges_of(cap[1]).tolist()))
         if not is_whole:
             continue
         made = np.vstack([facets[kept], *caps]).astype(np.int32)
         is_new = np.arange(len(made)) >= len(kept)
-        free = np.arange(len(points), len(place))
+        free = np.arange(len(points), len(positions))
         around = np.vstack([near, *caps]).astype(np.int32)
-        for candidate in (fair_points(place, around, free), place):
+        for candidate in (fair_points(positions, around, free), positions):
             if is_clean(candidate, made, is_new):
                 return Attempt(candidate, made, kept)
     return None
@@ -241,7 +241,7 @@ def distance_apart(
 
     Facets with the same corners in both are left out: there the distance is zero.
     """
-    old, new = _places_of(points, facets), _places_of(new_points, new_facets)
+    old, new = _corners_in_order(points, facets), _corners_in_order(new_points, new_facets)
     _, inverse = np.unique(np.vstack([old, new]), axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
     only_old = ~np.isin(inverse[: len(old)], inverse[len(old) :])
@@ -259,7 +259,7 @@ def _distance_from(points: Points, facets: Indices, others: Points, rows: Indice
     return float(facet_distances(points, facets, other).max())
 
 
-def _places_of(points: Points, facets: Indices) -> Points:
+def _corners_in_order(points: Points, facets: Indices) -> Points:
     """Corners of facets, the smallest position first, (num_facets, 9), to compare facets by."""
     _, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)[facets]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.fastsim.mending.patch_attempts import (
+from palpate.fastsim.exact_repair.patch_repairs import (
     Attempt,
     Surroundings,
     all_crossings,
@@ -34,7 +34,7 @@ _EDGES = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class MendedSurface:
+class RepairedSolid:
     """A surface, what was done to it, and the facets of its caps.
 
     Attributes:
@@ -48,7 +48,7 @@ class MendedSurface:
     caps: dict[str, list[int]] = field(default_factory=dict)
 
 
-def mend_surface(surface: TriSurface, choices: RepairChoices | None = None) -> MendedSurface:
+def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -> RepairedSolid:
     """Make a surface bound a solid without crossings, as far as that can be done.
 
     Args:
@@ -65,11 +65,11 @@ def mend_surface(surface: TriSurface, choices: RepairChoices | None = None) -> M
         smallest_shell=choices.smallest_shell,
         fits=is_clean,
     )
-    _require_mended(repaired, report)
+    _require_solid(repaired, report)
     distance = choices.distance
     if distance is None:
         distance = _EDGES * mean_edge_length(repaired.points, repaired.facets)
-    mended, done, number = untangle(repaired, distance=distance)
+    solid, done, number = untangle(repaired, distance=distance)
     lines = report.lines()
     if done.num_pairs:
         lines.append(done.line())
@@ -81,10 +81,10 @@ def mend_surface(surface: TriSurface, choices: RepairChoices | None = None) -> M
     if caps:
         names = "cap 1" if len(caps) == 1 else f"cap 1 to cap {len(report.caps)}"
         lines.append(f"facet group(s) {names}: what closes holes, on the longest loop first")
-    return MendedSurface(mended, lines, caps)
+    return RepairedSolid(solid, lines, caps)
 
 
-def _require_mended(surface: TriSurface, report: RepairReport) -> None:
+def _require_solid(surface: TriSurface, report: RepairReport) -> None:
     """Refuse a surface that is still open or wrong; state what was done and what might help."""
     try:
         require_closed(surface)
@@ -125,16 +125,16 @@ class EntangledError(SurfaceError):
     `.needed` is the distance that would have done, where one was found [m].
     """
 
-    def __init__(self, facets: list[int], place: Points, distance: float, needed: float) -> None:
-        at = ", ".join(f"{x:.6g}" for x in place)
+    def __init__(self, facets: list[int], position: Points, distance: float, needed: float) -> None:
+        at = ", ".join(f"{x:.6g}" for x in position)
         hint = (
             f"moving it by {needed:.3g} m would: allow a larger distance"
             if np.isfinite(needed)
-            else "mend it by hand, or wrap it anew"
+            else "repair it by hand, or wrap it anew"
         )
         first = ", ".join(map(str, facets[:5]))
         what = (
-            "the surface intersects itself and could not be mended within "
+            "the surface intersects itself and could not be repaired within "
             f"{distance:.3g} m, at {len(facets)} facet(s)"
         )
         summary = f"{what} around ({at}) m"
@@ -148,7 +148,7 @@ class UntangleReport:
 
     Attributes:
         num_pairs: Pairs of facets that crossed.
-        num_places: Number of regions where they did.
+        num_regions: Number of regions where they did.
         replaced_facets: Facets that were moved or replaced, by their number before.
         distance: Largest distance of either surface from the other, over corners, middles of
             edges and centres of what was changed [m].
@@ -156,7 +156,7 @@ class UntangleReport:
     """
 
     num_pairs: int = 0
-    num_places: int = 0
+    num_regions: int = 0
     replaced_facets: tuple[int, ...] = ()
     distance: float = 0.0
     euler_change: int = 0
@@ -166,9 +166,9 @@ class UntangleReport:
         bridges = self.euler_change // 2
         cut = f"; {bridges} handle(s) or bridge(s) between sheets cut" if bridges else ""
         return (
-            f"{self.num_pairs} pair(s) of facets that cut each other at {self.num_places} place(s) "
-            f"mended: {len(self.replaced_facets)} facet(s) moved or replaced, by at most "
-            f"{self.distance:.3g} m{cut}"
+            f"{self.num_pairs} pair(s) of facets that cut each other in {self.num_regions} "
+            f"region(s) repaired: {len(self.replaced_facets)} facet(s) moved or replaced, by at "
+            f"most {self.distance:.3g} m{cut}"
         )
 
 
@@ -205,8 +205,8 @@ def untangle(
             chosen = _least_moved(points, facets, rows, distance)
             if isinstance(chosen, float):
                 known = guilty[guilty < num_given].tolist()
-                place = points[facets[rows]].mean(axis=(0, 1))
-                raise EntangledError(known, place, distance, chosen)
+                position = points[facets[rows]].mean(axis=(0, 1))
+                raise EntangledError(known, position, distance, chosen)
             count = len(chosen.facets) - len(chosen.kept)
             points, facets = chosen.points, chosen.facets
             number = np.concatenate([number[chosen.kept], np.arange(fresh, fresh + count)])
@@ -226,11 +226,11 @@ def untangle(
     )
     replaced = np.flatnonzero(moved)
     if apart > distance:
-        place = surface.points[surface.facets[replaced]].mean(axis=(0, 1))
-        raise EntangledError(replaced.tolist(), place, distance, apart)
+        position = surface.points[surface.facets[replaced]].mean(axis=(0, 1))
+        raise EntangledError(replaced.tolist(), position, distance, apart)
     done = UntangleReport(
         report.num_pairs,
-        report.num_places,
+        report.num_regions,
         tuple(replaced.tolist()),
         apart,
         _euler(facets) - _euler(surface.facets),
@@ -250,9 +250,9 @@ def _least_moved(
     local = np.flatnonzero(around)
     used, some = np.unique(facets[local], return_inverse=True)
     some = some.reshape(-1, 3).astype(np.int32)
-    is_held = np.zeros(len(points), dtype=bool)
-    is_held[facets[~around]] = True
-    part = Surroundings(points[used], some, is_held[used], _LARGEST_PART * len(facets))
+    is_fixed = np.zeros(len(points), dtype=bool)
+    is_fixed[facets[~around]] = True
+    part = Surroundings(points[used], some, is_fixed[used], _LARGEST_PART * len(facets))
     chosen = np.flatnonzero(is_cross[local])
     ways: tuple[Callable[[], Attempt | None], ...] = (
         lambda: smoothed(part, chosen),

@@ -25,7 +25,7 @@ from perturbed_surfaces import (
     mean_edge,
 )
 
-from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.exact_repair.solid_repair import repair_to_solid
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
@@ -187,7 +187,7 @@ def require_repaired(given: Perturbed) -> bool:
     start, refused = time.process_time(), None
     try:
         choices = RepairChoices(distance=distance, smallest_shell=given.smallest_shell)
-        repaired = mend_surface(given.surface, choices).surface
+        repaired = repair_to_solid(given.surface, choices).surface
         mesh = mesh_surface(repaired, time_limit=100.0)
     except InputError as error:
         refused = str(error)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.mending.mend import EntangledError, mend_surface, untangle
-from palpate.fastsim.mending.patch_attempts import all_crossings, distance_apart
+from palpate.fastsim.exact_repair.patch_repairs import all_crossings, distance_apart
+from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_solid, untangle
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.surface_remesher import mean_edge_length
 from palpate.meshes.kidney import shape_kidney
@@ -38,43 +38,43 @@ def spoil(body: TriSurface, kind: str, seed: int) -> TriSurface:
     return TriSurface(points, body.facets)
 
 
-def require_mended(given: TriSurface, distance: float) -> tuple[TriSurface, int]:
-    """Mended within the distance, checked by the exact test and by a distance of its own."""
+def require_solid(given: TriSurface, distance: float) -> tuple[TriSurface, int]:
+    """Repaired within the distance, checked by the exact test and by a distance of its own."""
     pairs = len(all_crossings(given.points, given.facets))
-    mended, report, number = untangle(given, distance=distance)
-    require_closed(mended)
-    assert len(all_crossings(mended.points, mended.facets)) == 0
+    repaired, report, number = untangle(given, distance=distance)
+    require_closed(repaired)
+    assert len(all_crossings(repaired.points, repaired.facets)) == 0
     assert report.num_pairs == pairs
     assert report.distance <= distance
-    apart = distance_apart(given.points, given.facets, mended.points, mended.facets)
+    apart = distance_apart(given.points, given.facets, repaired.points, repaired.facets)
     assert apart == report.distance
     stays = number >= 0
     untouched = np.setdiff1d(number[stays], report.replaced_facets)
     same = np.isin(number, untouched)
     assert np.array_equal(
-        mended.points[mended.facets[same]], given.points[given.facets[number[same]]]
+        repaired.points[repaired.facets[same]], given.points[given.facets[number[same]]]
     )
-    return mended, pairs
+    return repaired, pairs
 
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [("crumpled", 4), ("crumpled", 7), ("slid", 0), ("slid", 7), ("pressed", 1), ("pressed", 4)],
 )
-def test_a_spoiled_organ_is_mended_and_meshed(kind: str, seed: int) -> None:
+def test_a_spoiled_organ_is_repaired_and_meshed(kind: str, seed: int) -> None:
     given = spoil(KIDNEY, kind, seed)
     distance = 3.0 * mean_edge_length(KIDNEY.points, KIDNEY.facets)
-    mended, pairs = require_mended(given, distance)
+    repaired, pairs = require_solid(given, distance)
     assert pairs > 0
     with pytest.raises(SelfIntersectionError):
         mesh_surface(given)
-    assert mesh_surface(mended).volume == pytest.approx(mended.volume, rel=1e-12)
+    assert mesh_surface(repaired).volume == pytest.approx(repaired.volume, rel=1e-12)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["crumpled", "slid", "pressed"])
 @pytest.mark.parametrize("body", [KIDNEY, PLATE, shape_sphere(1.0, edge_length=0.1)])
-def test_many_spoiled_surfaces_are_mended_or_refused_with_the_distance_that_would_do(
+def test_many_spoiled_surfaces_are_repaired_or_refused_with_the_distance_that_would_do(
     body: TriSurface, kind: str
 ) -> None:
     distance = 3.0 * mean_edge_length(body.points, body.facets)
@@ -82,7 +82,7 @@ def test_many_spoiled_surfaces_are_mended_or_refused_with_the_distance_that_woul
     for seed in range(40):
         given = spoil(body, kind, seed)
         try:
-            require_mended(given, distance)
+            require_solid(given, distance)
         except EntangledError as error:
             refused.append(error)
     assert all(error.facets and error.needed > distance for error in refused)
@@ -96,18 +96,18 @@ def test_lobes_that_run_into_each_other_are_pulled_apart_inwards() -> None:
         np.vstack([ball.points, ball.points + np.array([1.97, 0.0, 0.0])]),
         np.vstack([ball.facets, ball.facets + len(ball.points)]),
     )
-    mended, pairs = require_mended(both, 0.1)
+    repaired, pairs = require_solid(both, 0.1)
     assert pairs > 0
-    assert mended.volume < both.volume
+    assert repaired.volume < both.volume
 
 
 def test_walls_that_run_through_each_other_are_pulled_apart_outwards() -> None:
     given = PLATE.points.copy()
     deep = np.linalg.norm(given - [0.5, 0.5, 0.1], axis=1) < 0.08
     given[deep, 2] -= 0.11
-    mended, pairs = require_mended(TriSurface(given, PLATE.facets), 0.1)
+    repaired, pairs = require_solid(TriSurface(given, PLATE.facets), 0.1)
     assert pairs > 0
-    assert mended.volume > TriSurface(given, PLATE.facets).volume
+    assert repaired.volume > TriSurface(given, PLATE.facets).volume
 
 
 def test_beyond_the_distance_it_is_refused_with_facets_place_and_what_would_do() -> None:
@@ -116,13 +116,13 @@ def test_beyond_the_distance_it_is_refused_with_facets_place_and_what_would_do()
         untangle(given, distance=1e-5)
     guilty = set(np.unique(all_crossings(given.points, given.facets)).tolist())
     assert set(caught.value.facets) <= guilty
-    require_mended(given, 1.001 * caught.value.needed)
+    require_solid(given, 1.001 * caught.value.needed)
 
 
 def test_what_was_done_is_said() -> None:
     given = spoil(KIDNEY, "crumpled", 4)
-    done = mend_surface(given, RepairChoices(distance=0.03))
+    done = repair_to_solid(given, RepairChoices(distance=0.03))
     (line,) = done.lines
-    assert "cut each other at" in line
+    assert "cut each other in 1 region" in line
     assert "by at most" in line
-    assert mend_surface(KIDNEY).lines == []
+    assert repair_to_solid(KIDNEY).lines == []
