@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bodies import SOFT, facets_at, points_at
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.errors import NotConvergedError
@@ -13,22 +14,14 @@ from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import Iteration, solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.diagnosis.law_simulators import example_material
 
 MakeBox = Callable[..., TetMesh]
-SOFT = Material(1e4, 0.3, 1000.0)
 BOTH = pytest.mark.parametrize("strain", list(Strain))
-
-
-def points_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    return np.flatnonzero(np.abs(mesh.points[:, axis] - value) < 1e-9).astype(np.int32)
-
-
-def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
 
 
 def symmetry_supports(mesh: TetMesh) -> tuple[Support, ...]:
@@ -244,3 +237,12 @@ def test_agrees_with_fenicsx_to_eight_digits(make_box: MakeBox, strain: Strain) 
     ours = solve_static(problem, strain=strain).displacement
     theirs = run_task(StaticTask(strain), problem).displacement
     assert np.linalg.norm(ours - theirs) < 1e-8 * np.linalg.norm(theirs)
+
+
+def test_the_secant_iteration_of_another_law_is_refused(make_box: MakeBox) -> None:
+    mesh = make_box((1, 1, 1), (1.0, 1.0, 1.0))
+    rubber = example_material(Law.NEO_HOOKEAN)
+    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    problem = Problem(mesh, rubber, (held,), (Pressure(facets_at(mesh, 0, 1.0), 10.0),))
+    with pytest.raises(InputError, match=r"secant.*follows neo-hookean"):
+        solve_static(problem, iteration=Iteration.SECANT)
