@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -274,7 +274,7 @@ def on_other_mesh(
         cells: From cells of the mesh before to those of the same volume on the other.
         points: From points of the mesh before to those on the other; None where they stay.
     """
-    parts = {
+    parts: dict[str, Any] = {
         kind: tuple(
             with_rows(item, facets=facets, points=points, cells=cells)
             for item in getattr(problem, kind)
