@@ -32,27 +32,6 @@ from palpate.meshes.problem import (
 )
 from palpate.meshes.tet_mesh import TetMesh
 
-_MEASURE = {
-    Strain.LINEAR: _core.StrainMeasure.linear,
-    Strain.GREEN: _core.StrainMeasure.green,
-}
-_ELEMENT = {
-    Element.LINEAR: _core.Element.linear,
-    Element.SMOOTHED: _core.Element.smoothed,
-}
-_LAW = {
-    Law.SAINT_VENANT_KIRCHHOFF: _core.Law.saint_venant_kirchhoff,
-    Law.NEO_HOOKEAN_STABLE: _core.Law.neo_hookean_stable,
-    Law.NEO_HOOKEAN_STABLE_LOG: _core.Law.neo_hookean_stable_log,
-    Law.NEO_HOOKEAN: _core.Law.neo_hookean,
-    # Mooney and Rivlin's without its second term.
-    Law.NEO_HOOKEAN_ISOCHORIC: _core.Law.mooney_rivlin,
-    Law.MOONEY_RIVLIN: _core.Law.mooney_rivlin,
-    Law.MOONEY_RIVLIN_LOG: _core.Law.mooney_rivlin_log,
-    Law.OGDEN: _core.Law.ogden,
-    Law.COROTATIONAL: _core.Law.corotational,
-}
-
 # Of dividing the mass among the patches of the smoothed element; more gain a hundredth.
 _ROUNDS_OF_BOUND = 8
 
@@ -74,6 +53,13 @@ def materials_of_cells(
     for k, inclusion in enumerate(inclusions, start=1):
         number[inclusion.cells] = k
     return table, row.reshape(-1)[number]
+
+
+def core_law(law: Law) -> _core.Law:
+    """A law as the core names it, which has Mooney and Rivlin's without its second term as such."""
+    known = Law.MOONEY_RIVLIN if law is Law.NEO_HOOKEAN_ISOCHORIC else law
+    found: _core.Law = getattr(_core.Law, known.name.lower())
+    return found
 
 
 class Body:
@@ -123,9 +109,9 @@ class Body:
             mesh.cells,
             np.ascontiguousarray(moduli),
             kinds.reshape(-1)[self._row].astype(np.int32),
-            _MEASURE[strain],
-            _LAW[material.law],
-            _ELEMENT[element],
+            getattr(_core.StrainMeasure, strain.name.lower()),
+            core_law(material.law),
+            getattr(_core.Element, element.name.lower()),
         )
         if material.ogden_terms:
             self.core.set_ogden_terms(np.array(material.ogden_terms))
