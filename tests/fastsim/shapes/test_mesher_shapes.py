@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from perturbed_surfaces import polygon_plate
 
 from palpate.fastsim import _core
 from palpate.fastsim.mesher import MeshingReport, mesh_surface
@@ -104,28 +105,13 @@ def test_schoenhardts_prism_takes_one_inner_point(turn_deg: float, outward: Outw
     assert (mesh.num_points, report.steiner_points) == (6, 0)
 
 
-def polygon_plate(sides: int) -> tuple[Array, NDArray[np.integer]]:
-    """A plate whose two faces are cut into triangles from one corner, as CAD programs do."""
-    turn = 2.0 * np.pi * np.arange(sides) / sides
-    ring = 0.05 * np.column_stack([np.cos(turn), np.sin(turn)])
-    points = np.vstack([np.column_stack([ring, np.full(sides, z)]) for z in (0.0, 5e-3)])
-    k, a = np.arange(1, sides - 1), np.arange(sides)
-    b = (a + 1) % sides
-    facets = [
-        np.column_stack([np.full(len(k), sides), sides + k, sides + k + 1]),
-        np.column_stack([np.zeros(len(k), dtype=int), k + 1, k]),
-        np.column_stack([a, b, sides + b]),
-        np.column_stack([a, sides + b, sides + a]),
-    ]
-    return points, np.vstack(facets)
-
-
 @pytest.mark.parametrize("sides", [64, 128])
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_face_cut_from_one_corner(sides: int, is_turned: bool, outward: Outward) -> None:
     # Each needle of a face crosses many edges of a Delaunay mesh. Without flips in the plane the
     # mesh had 6.7 and 9 cells for each facet, a point for two, and with 128 sides turned no volume.
-    points, facets = polygon_plate(sides)
+    plate = polygon_plate(sides).surface
+    points, facets = plate.points, plate.facets
     if is_turned:
         points = points @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     mesh, report = require_kept(outward(points, facets))
