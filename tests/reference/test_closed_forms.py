@@ -151,7 +151,7 @@ def check_stretch(box, of, kind, stretches, axes, is_pulled):
     sides = stretches * np.roll(stretches, 1)
     assert result.volume == pytest.approx(stretches.prod(), rel=near)
     assert result.surface_area == pytest.approx(2.0 * sides.sum(), rel=near)
-    assert result.smallest_det_f == pytest.approx(stretches.prod(), rel=10 * near)
+    assert result.smallest_det_f == pytest.approx(stretches.prod(), rel=near)
     energy_near = 1e-7 if kind == "mixed" else 1e-9
     assert result.strain_energy == pytest.approx(energy_density(of, stretches), rel=energy_near)
     assert result.relative_residual <= 1e-10
@@ -262,16 +262,21 @@ def test_a_plane_presses_a_block_into_a_homogeneous_state(box, kind, strain):
     assert felt.times == (0.0, 1.0, 2.0)
     force = -stress * E
     np.testing.assert_allclose(felt.forces[0], 0.0, atol=1e-9)
-    np.testing.assert_allclose(felt.forces[2], [0.0, 0.0, force], rtol=10 * near, atol=1e-4)
+    np.testing.assert_allclose(
+        felt.forces[2], [0.0, 0.0, force], rtol=10 * near, atol=1e-4 if kind == "mixed" else 1e-5
+    )
     # Even pressure acts at the middle of the deformed top.
     lever = 0.5 * lateral - 0.5
     np.testing.assert_allclose(
-        felt.moments[2], [lever * force, -lever * force, 0.0], rtol=1e-7, atol=1e-4
+        felt.moments[2],
+        [lever * force, -lever * force, 0.0],
+        rtol=1e-8,
+        atol=1e-4 if kind == "mixed" else 1e-5,
     )
     # Of degree 2 the tool meets the middles of edges, and vertices follow.
     assert max(felt.penetrations) < (1e-9 if kind == "mixed" else 1e-10)
     assert felt.active_areas[0] == 0.0
-    assert felt.active_areas[2] >= 1.0 - 1e-12
+    assert felt.active_areas[2] >= 1.0
 
 
 @pytest.mark.parametrize(("kind", "least"), [("linear", 0.7678), ("smoothed", 0.6), ("mixed", 0.6)])
