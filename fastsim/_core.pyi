@@ -18,16 +18,6 @@ class StrainMeasure(Enum):
     linear = 0
     green = 1
 
-class Law(Enum):
-    saint_venant_kirchhoff = 0
-    neo_hookean_stable = 1
-    neo_hookean_stable_log = 2
-    neo_hookean = 3
-    mooney_rivlin = 4
-    mooney_rivlin_log = 5
-    ogden = 6
-    corotational = 7
-
 class SolveStatus(Enum):
     converged = 0
     negative_curvature = 1
@@ -40,7 +30,7 @@ class Element(Enum):
 class ElasticBody:
     def __init__(
         self, points: Floats, cells: Ints, materials: Floats, material_of: Ints,
-        strain: StrainMeasure, law: Law, element: Element
+        strain: StrainMeasure, law: str, element: Element
     ) -> None: ...
     def set_ogden_terms(self, terms: Floats) -> None: ...
     def shape_gradients(self) -> Floats: ...

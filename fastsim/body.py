@@ -55,11 +55,9 @@ def materials_of_cells(
     return table, row.reshape(-1)[number]
 
 
-def core_law(law: Law) -> _core.Law:
-    """A law as the core names it, which has Mooney and Rivlin's without its second term as such."""
-    known = Law.MOONEY_RIVLIN if law is Law.NEO_HOOKEAN_ISOCHORIC else law
-    found: _core.Law = getattr(_core.Law, known.name.lower())
-    return found
+def name_in_core(law: Law) -> str:
+    """The core's name of a law; the isochoric neo-Hookean one is Mooney and Rivlin's, c01 = 0."""
+    return "mooney_rivlin" if law is Law.NEO_HOOKEAN_ISOCHORIC else law.name.lower()
 
 
 class Body:
@@ -110,7 +108,7 @@ class Body:
             np.ascontiguousarray(moduli),
             kinds.reshape(-1)[self._row].astype(np.int32),
             getattr(_core.StrainMeasure, strain.name.lower()),
-            core_law(material.law),
+            name_in_core(material.law),
             getattr(_core.Element, element.name.lower()),
         )
         if material.ogden_terms:

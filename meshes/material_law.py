@@ -89,6 +89,15 @@ class Law(StrEnum):
         return self in (Law.NEO_HOOKEAN, Law.MOONEY_RIVLIN_LOG)
 
     @property
+    def is_finite_when_inverted(self) -> bool:
+        """Whether W is finite, and smooth, at J <= 0."""
+        return self in (
+            Law.SAINT_VENANT_KIRCHHOFF,
+            Law.NEO_HOOKEAN_STABLE,
+            Law.NEO_HOOKEAN_STABLE_LOG,
+        )
+
+    @property
     def is_linear_in_strain(self) -> bool:
         """Whether S = lmbda tr(E) I + 2 mu E."""
         return self is Law.SAINT_VENANT_KIRCHHOFF

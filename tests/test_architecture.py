@@ -263,6 +263,26 @@ def test_every_package_has_its_lines() -> None:
     assert packages | {*ROOMS, "tests"} <= set(LINES)
 
 
+# ----------------------------------------------------------------------- how many files a law takes
+# Of E and nu, written in invariants: what says its formulas, in words or in code.
+FILES_OF_A_LAW = {
+    "meshes/material_law.py",
+    "reference/laws.py",
+    "fastsim/core/mechanics/law.hpp",
+    "validation/metrics/laws.py",
+    "validation/exchange/conventions.toml",
+}
+
+
+def test_a_new_law_touches_five_files() -> None:
+    files = [f for room in ROOMS for s in ("py", "pyi", "?pp", "inl", "toml")
+             for f in (ROOT / room).rglob(f"*.{s}")]  # fmt: skip
+    named = re.compile(r"neo.hookean.stable.log", re.I)
+    found = {str(f.relative_to(ROOT)) for f in files if named.search(f.read_text("utf-8"))}
+    # Other simulators have it, too.
+    assert {f for f in found if not f.startswith("validation/peers/")} == FILES_OF_A_LAW
+
+
 # ------------------------------------------------------------------- how much the judge draws along
 MOST_LOADED = 110
 

@@ -3,9 +3,13 @@
 #include "mechanics/elastic_body.hpp"
 #include "mechanics/smoothed_bound.hpp"
 
+#include <nanobind/stl/string_view.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <string_view>
 #include <tuple>
 
 using namespace fastsim;
@@ -23,6 +27,15 @@ template <typename Fill> auto vectors_by(const ElasticBody &body, Fill &&fill) {
     return out;
 }
 
+Law law_of_name(std::string_view name) {
+#define FASTSIM_CHOOSE(law)                                                                        \
+    if (name == #law)                                                                              \
+        return Law::law;
+    FASTSIM_LAWS(FASTSIM_CHOOSE)
+#undef FASTSIM_CHOOSE
+    throw std::invalid_argument("no law of that name: " + std::string(name));
+}
+
 } // namespace
 
 void bind_mechanics(nb::module_ &module);
@@ -31,15 +44,6 @@ void bind_mechanics(nb::module_ &module) {
     nb::enum_<StrainMeasure>(module, "StrainMeasure")
         .value("linear", StrainMeasure::linear)
         .value("green", StrainMeasure::green);
-    nb::enum_<Law>(module, "Law")
-        .value("saint_venant_kirchhoff", Law::saint_venant_kirchhoff)
-        .value("neo_hookean_stable", Law::neo_hookean_stable)
-        .value("neo_hookean_stable_log", Law::neo_hookean_stable_log)
-        .value("neo_hookean", Law::neo_hookean)
-        .value("mooney_rivlin", Law::mooney_rivlin)
-        .value("mooney_rivlin_log", Law::mooney_rivlin_log)
-        .value("ogden", Law::ogden)
-        .value("corotational", Law::corotational);
     nb::enum_<SolveStatus>(module, "SolveStatus")
         .value("converged", SolveStatus::converged)
         .value("negative_curvature", SolveStatus::negative_curvature)
@@ -54,13 +58,13 @@ void bind_mechanics(nb::module_ &module) {
             "__init__",
             [](ElasticBody *self, GivenPoints points, GivenCells cells,
                GivenTable<double, 3> materials, GivenColumn<Index> material_of,
-               StrainMeasure strain, Law law, Element element) {
+               StrainMeasure strain, std::string_view law, Element element) {
                 nb::gil_scoped_release release;
-                new (self) ElasticBody(as_span(points),
-                                       make_elastic_cells(as_span(points), as_span(cells),
-                                                          as_rows<Moduli>(materials),
-                                                          as_span(material_of), strain, law),
-                                       element);
+                new (self) ElasticBody(
+                    as_span(points),
+                    make_elastic_cells(as_span(points), as_span(cells), as_rows<Moduli>(materials),
+                                       as_span(material_of), strain, law_of_name(law)),
+                    element);
             },
             nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
             nb::arg("materials").noconvert(), nb::arg("material_of").noconvert(), nb::arg("strain"),

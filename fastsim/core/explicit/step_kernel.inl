@@ -83,8 +83,8 @@ inline void twice_change(const V *h, const V *d, V *e) {
     }
 }
 
-/// Twice the strain of a batch of cells, or what `change` says. `changes` are of corners 1 to 3, less
-/// that of corner 0.
+/// Twice the strain of a batch of cells, or what `change` says. `changes` are of corners 1 to 3,
+/// less that of corner 0.
 template <bool is_green, bool of_change, typename Real, typename V>
 inline void twice_strain_asked(const StrainChange<Real> &change, const V *g, const V *h,
                                [[maybe_unused]] const V *changes, V *e) {
@@ -124,7 +124,8 @@ inline void forces_by(const V *h, const V *g, const V *s, V *edges) {
 }
 
 /// Forces on corners 1 to 3 of a batch of cells, in place of their displacements relative to corner
-/// 0; returns det F (1 for linear strain). `changes`, relative to corner 0 too, is read `of_change`.
+/// 0; returns det F (1 for linear strain). `changes`, relative to corner 0 too, is read
+/// `of_change`.
 template <typename Pack, bool is_green, bool of_change>
 inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job, std::size_t batch,
                                         typename Pack::V *edges,
@@ -189,7 +190,7 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
         if constexpr (law == Law::saint_venant_kirchhoff)
             least = forces_of_batch<Pack, is_green, of_change>(job, batch, edges, changes);
         else
-            least = forces_by_law<Pack, law>(job, batch, edges);
+            least = forces_by_law<Pack, LawFormulas<law>>(job, batch, edges);
         // NaN counts as inverted: the comparison is false for it.
         smallest = least > smallest ? smallest : least;
         scatter_forces<Pack>(job.force, records, edges);
@@ -203,20 +204,9 @@ template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename 
                             : add_batches<Pack, false, Law::saint_venant_kirchhoff, true>(job);
     if (!job.is_green)
         return add_batches<Pack, false, Law::saint_venant_kirchhoff>(job);
-    switch (job.law) {
-    case Law::neo_hookean_stable:
-        return add_batches<Pack, true, Law::neo_hookean_stable>(job);
-    case Law::neo_hookean_stable_log:
-        return add_batches<Pack, true, Law::neo_hookean_stable_log>(job);
-    case Law::neo_hookean:
-        return add_batches<Pack, true, Law::neo_hookean>(job);
-    case Law::mooney_rivlin:
-        return add_batches<Pack, true, Law::mooney_rivlin>(job);
-    case Law::mooney_rivlin_log:
-        return add_batches<Pack, true, Law::mooney_rivlin_log>(job);
-    default:
-        return add_batches<Pack, true, Law::saint_venant_kirchhoff>(job);
-    }
+    return with_formulas(
+        job.law, [&]<Law law>(LawFormulas<law>) { return add_batches<Pack, true, law>(job); },
+        [&] { return add_batches<Pack, true, Law::saint_venant_kirchhoff>(job); });
 }
 
 /// The step of eq. 12; forces are left at zero. Returns whether all displacements are in bounds.

@@ -1,6 +1,7 @@
 #include "mechanics/hyperelastic.hpp"
 
 #include <cmath>
+#include <stdexcept>
 
 namespace fastsim {
 
@@ -33,14 +34,43 @@ Matrix3 turned(const Matrix3 &m, const Matrix3 &more) {
     return r;
 }
 
-/// x - ln(1 + x), by its series where the difference would lose digits.
-double log_excess(double x) {
-    if (std::abs(x) > 0.02)
-        return x - std::log1p(x);
-    double sum = 0.0;
-    for (int n = 11; n >= 2; --n) // x^2/2 - x^3/3 + ..., the next term below eps of the first
-        sum = 1.0 / n - x * sum;
-    return x * x * sum;
+/// Functions of a law's formulas, for one number.
+struct Math {
+    using Real = double;
+    static double log_of_one_plus(double x) { return std::log1p(x); }
+    static double exp_less_one(double x) { return std::expm1(x); }
+    static double inverse_cube_root(double x) { return 1.0 / std::cbrt(x); }
+    /// x - ln(1 + x), by its series where the difference would lose digits.
+    static double log_excess(double x) {
+        if (std::abs(x) > 0.02)
+            return x - std::log1p(x);
+        double sum = 0.0;
+        for (int n = 11; n >= 2; --n) // x^2/2 - x^3/3 + ..., the next term below eps of the first
+            sum = 1.0 / n - x * sum;
+        return x * x * sum;
+    }
+};
+
+/// What `use` makes of a law's formulas. Pre-condition: it has formulas in invariants.
+template <typename Use> auto by_formulas(Law law, Use &&use) {
+    using Found = decltype(use(LawFormulas<Law::neo_hookean>{}));
+    return with_formulas(law, use, []() -> Found { throw std::logic_error("a law of stretches"); });
+}
+
+StressCoefficients<double> coefficients_of(Law law, const Moduli &moduli, const Invariants &at) {
+    return by_formulas(law, [&](auto formulas) {
+        return formulas.template coefficients<Math>(moduli, at.j, at.t, at.q);
+    });
+}
+
+CoefficientRates rates_of(Law law, const Moduli &moduli, const Invariants &at) {
+    return by_formulas(law,
+                       [&](auto formulas) { return formulas.template rates<Math>(moduli, at); });
+}
+
+double energy_of(Law law, const Moduli &moduli, const Invariants &at) {
+    return by_formulas(law,
+                       [&](auto formulas) { return formulas.template energy<Math>(moduli, at); });
 }
 
 } // namespace
@@ -63,74 +93,6 @@ Matrix3 cofactor_change(const Matrix3 &m, const Matrix3 &dm) {
     return r;
 }
 
-Response respond(Law law, const Moduli &moduli, const Invariants &at) {
-    const double mu = moduli.mu, lmbda = moduli.lmbda, j = at.j, J = 1.0 + j;
-    switch (law) {
-    case Law::neo_hookean_stable:
-        return {mu, (lmbda + mu) * j, 0.0, 0.0, lmbda + mu, 0.0, 0.0, 0.0};
-    case Law::neo_hookean_stable_log: {
-        const double own = lmbda + 5.0 / 6.0 * mu, two = 2.0 + at.t;
-        return {2.0 / 3.0 * mu * (2.0 - 1.0 / two),
-                own * j + mu / 3.0 * at.t / two,
-                0.0,
-                0.0,
-                own,
-                0.0,
-                2.0 / 3.0 * mu / (two * two),
-                0.0,
-                2.0 / 3.0 * mu / (two * two)};
-    }
-    case Law::neo_hookean: {
-        const double p = (mu * j + lmbda * std::log1p(j)) / J;
-        return {mu, p, 0.0, 0.0, (mu + lmbda / J - p) / J, 0.0, 0.0, 0.0};
-    }
-    default: {
-        const double root = 1.0 / std::cbrt(J), kappa = lmbda + 2.0 / 3.0 * mu;
-        const double first = 2.0 * (0.5 * mu - moduli.c01) * root * root;
-        const double second = 4.0 * moduli.c01 * root * root * root * root;
-        const double q1 = 3.0 * j - 2.0 * at.t;
-        const double q2 = 3.0 * j - 4.0 * at.t - 2.0 * (at.t * at.t - at.q);
-        const double share = (first * q1 + second * q2) / (3.0 * J);
-        const bool is_log = law == Law::mooney_rivlin_log;
-        const double pressure = is_log ? kappa * std::log1p(j) / J : kappa * j;
-        return {first + second,
-                pressure + share,
-                second,
-                (-2.0 / 3.0 * first - 4.0 / 3.0 * second) / J,
-                (is_log ? (kappa / J - pressure) / J : kappa) + (first + second) / J -
-                    (5.0 / 3.0 * first * q1 + 7.0 / 3.0 * second * q2) / (3.0 * J * J),
-                -4.0 / 3.0 * second / J,
-                (-2.0 * first - 4.0 * second * (1.0 + at.t)) / (3.0 * J),
-                2.0 * second / (3.0 * J)};
-    }
-    }
-}
-
-double energy_of(Law law, const Moduli &moduli, const Invariants &at) {
-    const double mu = moduli.mu, lmbda = moduli.lmbda, j = at.j;
-    switch (law) {
-    case Law::neo_hookean_stable:
-        return mu * at.t_less_j + 0.5 * (lmbda + mu) * j * j;
-    case Law::neo_hookean_stable_log:
-        return mu * at.t_less_j + 2.0 / 3.0 * mu * log_excess(0.5 * at.t) +
-               0.5 * (lmbda + 5.0 / 6.0 * mu) * j * j;
-    case Law::neo_hookean: {
-        const double log_j = std::log1p(j);
-        return mu * (at.t_less_j + log_excess(j)) + 0.5 * lmbda * log_j * log_j;
-    }
-    default: {
-        const double log_j = std::log1p(j), kappa = lmbda + 2.0 / 3.0 * mu;
-        const double less1 = std::expm1(-2.0 / 3.0 * log_j), less2 = std::expm1(-4.0 / 3.0 * log_j);
-        const double first =
-            2.0 * (1.0 + less1) * at.t_less_j + ((3.0 + 2.0 * j) * less1 + 2.0 * j);
-        const double second = (1.0 + less2) * (4.0 * at.t_less_j + 2.0 * (at.t * at.t - at.q)) +
-                              ((3.0 + 4.0 * j) * less2 + 4.0 * j);
-        return (0.5 * mu - moduli.c01) * first + moduli.c01 * second +
-               0.5 * kappa * (law == Law::mooney_rivlin_log ? log_j * log_j : j * j);
-    }
-    }
-}
-
 FiniteStress::FiniteStress(Law law, const Moduli &moduli, const Matrix3 &h)
     : _law(law), _moduli(moduli), _h(h), _f(deformation_gradient(h)),
       _e(strain_tensor(h, StrainMeasure::green)) {
@@ -138,13 +100,13 @@ FiniteStress::FiniteStress(Law law, const Moduli &moduli, const Matrix3 &h)
     _d = turned(h, cof);
     const double det = h[0] * cof[0] + h[1] * cof[1] + h[2] * cof[2];
     _at = {trace(h) + trace(cof) + det, trace(_e), dot(_e, _e), 0.5 * dot(h, h) - trace(cof) - det};
-    _response = respond(law, moduli, _at);
+    _coefficients = coefficients_of(law, moduli, _at);
 }
 
 double FiniteStress::energy() const { return energy_of(_law, _moduli, _at); }
 
 Matrix3 FiniteStress::stress() const {
-    const double a = _response.a, p = _response.p, b = _response.b;
+    const auto [a, p, b] = _coefficients;
     Matrix3 s{};
     for (std::size_t k = 0; k < 9; ++k)
         s[k] = a * _h[k] + (p - a) * _d[k];
@@ -162,7 +124,8 @@ Matrix3 FiniteStress::stress() const {
 }
 
 Matrix3 FiniteStress::change(const Matrix3 &dh) const {
-    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q, a_t] = _response;
+    const auto [a, p, b] = _coefficients;
+    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = rates_of(_law, _moduli, _at);
     Matrix3 cof = _d;
     for (std::size_t k = 0; k < 9; k += 4)
         cof[k] += 1.0;
@@ -193,21 +156,23 @@ Matrix3 FiniteStress::change(const Matrix3 &dh) const {
     return ds;
 }
 
-ShapeStress::ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e) : _e(e) {
+ShapeStress::ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e)
+    : _law(law), _moduli(moduli), _e(e) {
     const Matrix3 cof = cofactor(e);
     const double t = trace(e), products = trace(cof);
     const double det = e[0] * cof[0] + e[1] * cof[1] + e[2] * cof[2];
     const double more = 2.0 * t + 4.0 * products + 8.0 * det; // det C - 1
     const double j = more / (1.0 + std::sqrt(1.0 + more));
     _at = {j, t, dot(e, e), 0.5 * j * more / (2.0 + j) - 2.0 * products - 4.0 * det};
-    _response = respond(law, moduli, _at);
-    _energy = energy_of(law, moduli, _at);
+    _coefficients = coefficients_of(law, moduli, _at);
     for (std::size_t k = 0; k < 9; ++k)
         _less[k] = ((k % 4 == 0 ? 2.0 * t - j : 0.0) - 2.0 * e[k] + 4.0 * cof[k]) / (1.0 + j);
 }
 
+double ShapeStress::energy() const { return energy_of(_law, _moduli, _at); }
+
 Matrix3 ShapeStress::value() const {
-    const double a = _response.a, p = _response.p, b = _response.b;
+    const auto [a, p, b] = _coefficients;
     Matrix3 s{};
     for (std::size_t k = 0; k < 9; ++k)
         s[k] = (p - a) * _less[k] - b * _e[k] + (k % 4 == 0 ? p + b * _at.t : 0.0);
@@ -215,7 +180,8 @@ Matrix3 ShapeStress::value() const {
 }
 
 Matrix3 ShapeStress::change(const Matrix3 &de) const {
-    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q, a_t] = _response;
+    const auto [a, p, b] = _coefficients;
+    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = rates_of(_law, _moduli, _at);
     const double dt = trace(de), dj = dot(_less, de) + dt, dq = 2.0 * dot(_e, de);
     const double da = a_j * dj + a_t * dt, dp = p_j * dj + p_t * dt + p_q * dq, db = b_j * dj;
     const Matrix3 dcof = cofactor_change(_e, de);

@@ -6,7 +6,7 @@
 //
 //   P = a (F - cof F) + p cof F + b F (t I - E),        F - cof F = H - d                  (L4)
 //
-// a, p and b as `Response` has them. Nothing is a difference of large numbers where H is small:
+// a, p and b as `LawFormulas` has them. Nothing is a difference of large numbers where H is small:
 // j = tr H + tr(cof H) + det H, and F - cof F is formed from H.
 //
 // Of a C = I + 2 E that is no cell's, J is the root of det C, and with K = J C^-1
@@ -16,24 +16,6 @@
 #include "mechanics/tet4.hpp"
 
 namespace fastsim {
-
-/// Coefficients of (L4), and what they change with.
-struct Response {
-    double a, p, b;
-    double a_j, p_j, b_j; // by j
-    double p_t, p_q;      // by t and q
-    double a_t = 0.0;
-};
-
-/// Where a law is looked at: t, q, j, and t - j, formed without cancellation.
-struct Invariants {
-    double j, t, q, t_less_j;
-};
-
-Response respond(Law law, const Moduli &moduli, const Invariants &at);
-
-/// W [J/m3], 0 at rest.
-double energy_of(Law law, const Moduli &moduli, const Invariants &at);
 
 /// (L4) at a displacement gradient, and its derivative along another.
 class FiniteStress {
@@ -50,7 +32,7 @@ class FiniteStress {
     Moduli _moduli;
     Matrix3 _h, _f, _e, _d; // H, F, E, d
     Invariants _at;
-    Response _response;
+    StressCoefficients<double> _coefficients;
 };
 
 /// (L9) at a strain with a definite C, and its derivative along another.
@@ -58,15 +40,16 @@ class ShapeStress {
   public:
     ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e);
 
-    double energy() const { return _energy; }
+    double energy() const;
     Matrix3 value() const;
     Matrix3 change(const Matrix3 &de) const;
 
   private:
-    double _energy;
+    Law _law;
+    Moduli _moduli;
     Matrix3 _e, _less; // E, K - I
     Invariants _at;
-    Response _response;
+    StressCoefficients<double> _coefficients;
 };
 
 Matrix3 cofactor(const Matrix3 &m);

@@ -16,7 +16,7 @@ struct VolumeTerm {
 };
 
 VolumeTerm volume_term(Law law, double m) {
-    if (law == Law::neo_hookean || law == Law::mooney_rivlin_log)
+    if (is_by_log_of_volume(law))
         return {std::log1p(m), 1.0 / (1.0 + m), -1.0 / ((1.0 + m) * (1.0 + m))};
     return {m, 1.0, 0.0};
 }

@@ -21,14 +21,6 @@ using Matrix3 = std::array<double, 9>; // row-major
 
 enum class StrainMeasure { linear, green };
 
-/// Of a material at rest [Pa]: Lamé's, and the part c01 of mu/2 that goes with the second invariant
-/// (mooney_rivlin alone).
-struct Moduli {
-    double lmbda;
-    double mu;
-    double c01;
-};
-
 /// Of Ogden's law: its part of the shear modulus at rest, and its exponent.
 struct OgdenTerm {
     double share;
