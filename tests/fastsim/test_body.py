@@ -73,7 +73,7 @@ def test_confined_stretch_gives_the_closed_form(
     E11 = (stretch**2 - 1.0) / 2.0
     energy = Body(single_cell, UNIT, element=element).strain_energy(single_cell.points @ gradient)
     expected = single_cell.volume * (LMBDA / 2.0 + MU) * E11**2
-    assert energy == pytest.approx(expected, rel=1e-12)
+    assert energy == pytest.approx(expected, rel=1e-13)
 
 
 @ELEMENTS
@@ -217,7 +217,10 @@ def test_rigid_motion_costs_nothing_with_green_strain_only(
 def test_turned_bodies_have_turned_forces(ragged_box: TetMesh, law: Law, element: Element) -> None:
     body, u, R = body_of(ragged_box, law, element, mixed=True), shake(ragged_box, 0.03), rotation(1)
     turned = (ragged_box.points + u) @ R.T - ragged_box.points
-    assert distance(body.internal_force(turned), body.internal_force(u) @ R.T) < 1e-12
+    force, force_turned = body.internal_force(u), body.internal_force(turned)
+    assert distance(force_turned, force @ R.T) < 1e-12
+    if law is STVK and element is Element.LINEAR:
+        assert np.abs(force_turned - force @ R.T).max() < 1e-13 * 1e4
     assert body.strain_energy(turned) == pytest.approx(body.strain_energy(u), rel=1e-12)
 
 
