@@ -95,7 +95,7 @@ class Histories:
             raise InputError(
                 f"{len(given)} amplitudes for {count} {what}; give one for each, or one for all"
             )
-        return tuple(0 if function is None else self._place_of(function) for function in given)
+        return tuple(0 if function is None else self._index_of(function) for function in given)
 
     def _turn(self, angle: float, history: int) -> tuple[int, int]:
         factor: Amplitude = self._functions[history - 1] if history else _always
@@ -105,7 +105,7 @@ class Histories:
         ]
         return len(self._functions) - 1, len(self._functions)
 
-    def _place_of(self, function: Amplitude) -> int:
+    def _index_of(self, function: Amplitude) -> int:
         if function not in self._functions:
             self._functions.append(function)
         return 1 + self._functions.index(function)

@@ -43,7 +43,7 @@ class CriticalCells:
         wave_speed: Speed of pressure waves [m/s]; times `time_step` a length of the mesh alone.
         cells: The ten with the smallest steps, smallest first.
         steps: Stable steps of these cells [s].
-        places: Their centroids [m], shape (n, 3).
+        positions: Their centroids [m], shape (n, 3).
         surface_step: What the surface's thinnest facet allows at most [s].
         surface_facet: The number of that facet among the mesh's boundary facets.
         surface_place: Its centroid [m], shape (3,).
@@ -53,7 +53,7 @@ class CriticalCells:
     wave_speed: float
     cells: Indices
     steps: Floats
-    places: Points
+    positions: Points
     surface_step: float
     surface_facet: int
     surface_place: Points
@@ -76,7 +76,7 @@ def find_critical_cells(mesh: TetMesh, material: Material) -> CriticalCells:
         wave_speed=speed,
         cells=first,
         steps=steps[first],
-        places=mesh.points[mesh.cells[first]].mean(axis=1),
+        positions=mesh.points[mesh.cells[first]].mean(axis=1),
         surface_step=float(altitudes[thinnest]) / speed,
         surface_facet=thinnest,
         surface_place=mesh.points[mesh.boundary_facets[thinnest]].mean(axis=0),
@@ -175,18 +175,18 @@ def _move(
     start = points[point].copy()
     reach = float(np.linalg.norm(points[cells] - start, axis=2).max())
     is_it = cells == point
-    place, found = start, steps[star]
+    position, found = start, steps[star]
     for part in _REACHES:
-        places = place + part * reach * _WAYS
-        corners = np.repeat(points[cells][None], len(places), axis=0)
-        corners[:, is_it] = places[:, None, :]
-        tried = cell_steps(corners.reshape(-1, 4, 3), material).reshape(len(places), -1)
+        positions = position + part * reach * _WAYS
+        corners = np.repeat(points[cells][None], len(positions), axis=0)
+        corners[:, is_it] = positions[:, None, :]
+        tried = cell_steps(corners.reshape(-1, 4, 3), material).reshape(len(positions), -1)
         first = int(np.argmax(tried.min(axis=1)))
         if tried[first].min() > best:
-            best, place, found = float(tried[first].min()), places[first], tried[first]
+            best, position, found = float(tried[first].min()), positions[first], tried[first]
     if best < (1.0 + _LEAST_GAIN) * before:
         return False
-    points[point] = place
+    points[point] = position
     if any(_core.orient3d(*(points[k].tolist() for k in cell)) <= 0 for cell in cells):
         points[point] = start
         return False

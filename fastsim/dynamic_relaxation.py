@@ -25,7 +25,7 @@ from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.newton import rounding_error
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain, require_no_springs
 from palpate.meshes.rigid_modes import require_supported
@@ -167,7 +167,7 @@ class _Relaxation:
         self._element = element
         self._tolerance = relative_tolerance
         self._num_threads, self._device = num_threads, device
-        self._supports = HeldPoints(problem)
+        self._supports = FixedPoints(problem)
         self.body = Body.of(problem, strain, element=element)
         self._bound = self._gershgorin()
         self._contact = contact

@@ -64,18 +64,18 @@ class EquilibriumLostError(NotConvergedError):
 
     Attributes:
         cell: The cell that is strained most as it gives way.
-        place: Its centre at rest [m].
+        position: Its centre at rest [m].
         smallest_stretch: Smallest principal stretch at the last equilibrium [-].
         stiffness: What is left of the stiffness in the softest direction [-]: 1 without stress,
             0 at the limit.
     """
 
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
     smallest_stretch: float
     stiffness: float
 
     def _message(self) -> str:
-        where = ", ".join(f"{x:.4g}" for x in self.place)
+        where = ", ".join(f"{x:.4g}" for x in self.position)
         # Half-way between no stretch and the material's own limit.
         kind = (
             "Saint-Venant-Kirchhoff softens below 0.577 in free compression"
@@ -156,7 +156,7 @@ class BlowUpError(FastsimError):
         step: Number of accepted time steps.
         time: Time of the last good state [s].
         cell: The cell that inverted, or one at the point that moved fastest.
-        place: Centre of that cell at rest [m].
+        position: Centre of that cell at rest [m].
         smallest_det_f: Smallest det F of the last good state [-].
         displacement: The last good state [m], shape (num_points, 3).
         time_step: [s].
@@ -168,7 +168,7 @@ class BlowUpError(FastsimError):
     step: int
     time: float
     cell: int
-    place: tuple[float, ...]
+    position: tuple[float, ...]
     smallest_det_f: float
     displacement: Points
     time_step: float
@@ -186,7 +186,7 @@ class BlowUpError(FastsimError):
                 "lower the load, raise it more slowly (amplitude), or refine the mesh there; "
                 f"a shorter time step is no cure (critical: {critical:.4g} s)"
             )
-        where = ", ".join(f"{x:.4g}" for x in self.place)
+        where = ", ".join(f"{x:.4g}" for x in self.position)
         super().__init__(
             f"blew up after step {self.step} (t = {self.time:.4g} s): {self.reason}, in cell "
             f"{self.cell} at ({where}) m; smallest det F before it {self.smallest_det_f:.3g}; "

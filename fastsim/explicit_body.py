@@ -431,7 +431,7 @@ class ExplicitBody:
             step=self.steps,
             time=self.time,
             cell=cell,
-            place=tuple(float(x) for x in mesh.points[mesh.cells[cell]].mean(axis=0)),
+            position=tuple(float(x) for x in mesh.points[mesh.cells[cell]].mean(axis=0)),
             smallest_det_f=smallest,
             displacement=displacement.copy(),
             time_step=self.time_step,

@@ -12,7 +12,7 @@ from palpate.fastsim.amplitudes import Amplitudes, Histories
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.springs import PatchSprings
-from palpate.fastsim.supports import HeldPoints, SlantedPoints, turning
+from palpate.fastsim.supports import FixedPoints, SlantedPoints, turning
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
@@ -44,7 +44,7 @@ class ExplicitLoads:
     ) -> None:
         self._problem = problem
         self._histories = histories = Histories(problem, loads, supports)
-        self._supports = HeldPoints(problem)
+        self._supports = FixedPoints(problem)
         self._moving = MovingSupports(problem, self._supports, histories)
         self.is_free = self._moving.is_free
         external_force(problem)  # names a load that is not finite by its number
@@ -115,13 +115,13 @@ class ExplicitLoads:
 
     def placed(self, displacement: Points, time: float) -> Points:
         """A displacement with its fixed components where they are at that time [m]."""
-        held = self._held_at(time)
+        held = self._prescribed_at(time)
         local = self._supports.to_local(displacement)
         return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
 
     def moved(self, increment: Points, time: float, next_time: float) -> Points:
         """An increment from one time to the next, its fixed components those of the supports."""
-        held = self._held_at(next_time) - self._held_at(time)
+        held = self._prescribed_at(next_time) - self._prescribed_at(time)
         local = self._supports.to_local(increment)
         return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
 
@@ -129,7 +129,7 @@ class ExplicitLoads:
         """Vectors without their fixed components."""
         return self._supports.keep_free(vectors)
 
-    def _held_at(self, time: float) -> Points:
+    def _prescribed_at(self, time: float) -> Points:
         factors = self._histories.at([time])[0]
         return self._supports.at(factors[list(self._histories.of_support)])
 
@@ -155,7 +155,7 @@ class MovingSupports:
         InputError: A component that two supports move in different ways.
     """
 
-    def __init__(self, problem: Problem, supports: HeldPoints, histories: Histories) -> None:
+    def __init__(self, problem: Problem, supports: FixedPoints, histories: Histories) -> None:
         self._problem, self._supports, self._histories = problem, supports, histories
         full = supports.at(1.0)
         self._require_one_way(full)
@@ -163,7 +163,7 @@ class MovingSupports:
         self._values = [np.zeros_like(full) for _ in range(3)]
         self._numbers = [np.full(full.shape, -1, dtype=np.int32) for _ in range(3)]
         for number, support in enumerate(problem.supports):
-            mine = supports.held_by(number)
+            mine = supports.fixed_by(number)
             points = np.flatnonzero(mine.any(axis=1))
             fields = [(np.broadcast_to(support.displacement, (len(points), 3)), 0)]
             if support.rotation is not None:

@@ -122,7 +122,7 @@ class LiveSpring(BodySpring):
     _body: LiveBody
 
     @property
-    def is_held(self) -> bool:
+    def is_fixed(self) -> bool:
         """Whether it pulls: not once it was let go, nor after a reset if it was added later."""
         return any(spring is self.description for spring in self._body._pull.springs)
 
@@ -371,7 +371,7 @@ ToolGoal = tuple[list[float], list[float] | None]
 
 
 @dataclass
-class _Held:
+class _TrackedSpring:
     """A spring, its first and last step, and the positions of its anchor at some steps."""
 
     spring: Spring
@@ -390,12 +390,12 @@ class DriveLog:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._tools: list[dict[int, ToolGoal]] = [{} for _ in problem.tools]
-        self._springs = [_Held(spring, 0) for spring in problem.springs]
+        self._springs = [_TrackedSpring(spring, 0) for spring in problem.springs]
         self._left_its_path = ""
 
     def held(self, spring: Spring, step: int) -> None:
         """Note that a spring was attached at a step."""
-        self._springs.append(_Held(spring, step))
+        self._springs.append(_TrackedSpring(spring, step))
 
     def let_go(self, spring: Spring, step: int) -> None:
         """Note that a spring was let go at a step."""
@@ -411,8 +411,8 @@ class DriveLog:
                 if len(path.times) > 1:
                     self._left_its_path = f"tool {number + 1}"
                 knots[0] = path.positions[0].tolist(), path.rotations[0].tolist()
-            place, turn = knots[max(knots)]
-            knots[begin] = place, turn
+            position, turn = knots[max(knots)]
+            knots[begin] = position, turn
             knots[end] = goal[0], turn if goal[1] is None else goal[1]
         for spring, anchor in anchors.items():
             held = self._of(spring)
@@ -455,12 +455,12 @@ class DriveLog:
     def _tool(self, tool: RigidTool, knots: dict[int, ToolGoal], dt: float) -> RigidTool:
         if not knots:
             return tool
-        places = [knots[step][0] for step in sorted(knots)]
+        positions = [knots[step][0] for step in sorted(knots)]
         turns = [knots[step][1] for step in sorted(knots)]
         times = dt * np.array(sorted(knots))
-        return dataclasses.replace(tool, path=ToolPath(times, np.array(places), np.array(turns)))
+        return dataclasses.replace(tool, path=ToolPath(times, np.array(positions), np.array(turns)))
 
-    def _spring(self, held: _Held, num_steps: int, dt: float) -> Spring:
+    def _spring(self, held: _TrackedSpring, num_steps: int, dt: float) -> Spring:
         path = held.spring.path
         factors: dict[int, float] = {}
         if held.knots:
@@ -480,5 +480,5 @@ class DriveLog:
         amplitude = TabularAmplitude(tuple(dt * k for k in knots), tuple(factors[k] for k in knots))
         return dataclasses.replace(held.spring, path=path, amplitude=amplitude)
 
-    def _of(self, spring: Spring) -> _Held:
+    def _of(self, spring: Spring) -> _TrackedSpring:
         return next(held for held in self._springs if held.spring is spring)

@@ -34,14 +34,14 @@ class CrossingBodiesError(SurfaceError):
     """
 
     def __init__(
-        self, names: tuple[str, str], pairs: Sequence[tuple[int, int]], places: Points, why: str
+        self, names: tuple[str, str], pairs: Sequence[tuple[int, int]], positions: Points, why: str
     ) -> None:
         self.names, self.why = names, why
         self.pairs = [(int(a), int(b)) for a, b in pairs]
-        self.places = places
+        self.positions = positions
         some = [
-            f"facet {a} and facet {b} at ({', '.join(f'{x + 0.0:.6g}' for x in place)}) m"
-            for (a, b), place in zip(self.pairs[:3], places, strict=False)
+            f"facet {a} and facet {b} at ({', '.join(f'{x + 0.0:.6g}' for x in position)}) m"
+            for (a, b), position in zip(self.pairs[:3], positions, strict=False)
         ]
         super().__init__(
             f"{names[0]} and {names[1]} {why}: {len(pairs)} pair(s) of facets, counted from 0: "
@@ -149,9 +149,9 @@ def _refuse_crossings(names: list[str], union: TriSurface, ends: NDArray[np.int6
     chosen = (owner == owner[0]).all(axis=1)
     one, other = owner[0].tolist()
     why = "cut each other" if one != other else "is one surface that cuts itself"
-    places = union.points[union.facets[pairs[chosen, 0]]].mean(axis=1)
+    positions = union.points[union.facets[pairs[chosen, 0]]].mean(axis=1)
     rows = (pairs[chosen] - ends[owner[0]]).tolist()
-    raise CrossingBodiesError((names[one], names[other]), [(a, b) for a, b in rows], places, why)
+    raise CrossingBodiesError((names[one], names[other]), [(a, b) for a, b in rows], positions, why)
 
 
 def _keys(facets: Indices) -> set[tuple[int, ...]]:
@@ -216,8 +216,8 @@ def _touching(bodies: _Bodies, number: int, error: NonManifoldError) -> Crossing
             continue
         count = min(len(rows), len(theirs))
         pairs = list(zip(rows[:count].tolist(), theirs[:count].tolist(), strict=True))
-        places = bodies.points[bodies.facets[one][rows[:count]]].mean(axis=1)
+        positions = bodies.points[bodies.facets[one][rows[:count]]].mean(axis=1)
         names = bodies.names[one], bodies.names[other]
-        return CrossingBodiesError(names, pairs, places, "touch at points or edges alone")
+        return CrossingBodiesError(names, pairs, positions, "touch at points or edges alone")
     name = bodies.names[number]
     return CrossingBodiesError((name, name), [], np.zeros((0, 3)), "touches itself")

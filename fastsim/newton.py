@@ -13,7 +13,7 @@ from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.springs import PatchSprings
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
@@ -129,7 +129,7 @@ class Newton:
         self.iterations = 0
         self.linear_iterations = 0
         # Steps and right sides are in the points' own components, where a support slants those.
-        self._supports = HeldPoints(problem)
+        self._supports = FixedPoints(problem)
         self._is_free = self._supports.is_free
         self._moves_supports = bool(np.any(self._supports.at(1.0)))
         slanted = self._supports.slanted
@@ -397,14 +397,14 @@ class Softening:
         stiffness: Smallest x . K x / x . K_m x [-]; 1 without stress, 0 at the limit, below 0
             where the equilibrium found is not stable.
         cell: The cell that the softest direction strains most.
-        place: Centre of that cell at rest [m].
+        position: Centre of that cell at rest [m].
         smallest_stretch: Smallest principal stretch of all cells [-].
         stretched_cell: The cell that has it.
     """
 
     stiffness: float
     cell: int
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
     smallest_stretch: float
     stretched_cell: int
 
@@ -446,8 +446,8 @@ def find_softening(
         right_side = next_side / np.linalg.norm(next_side)
     cell = stretched if mode is None else int(np.argmax(form.densities(mode)))
     centre = mesh.points[mesh.cells[cell]].mean(axis=0)
-    place = float(centre[0]), float(centre[1]), float(centre[2])
-    return Softening(stiffness, cell, place, float(stretches[stretched]), stretched)
+    position = float(centre[0]), float(centre[1]), float(centre[2])
+    return Softening(stiffness, cell, position, float(stretches[stretched]), stretched)
 
 
 def smooth_direction(mesh: TetMesh) -> Points:

@@ -197,7 +197,7 @@ def _failure(
             return EquilibriumLostError(
                 **known,
                 cell=softening.cell,
-                place=softening.place,
+                position=softening.position,
                 smallest_stretch=softening.smallest_stretch,
                 stiffness=softening.stiffness,
             )

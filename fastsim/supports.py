@@ -55,7 +55,7 @@ class SlantedPoints:
         return turned
 
 
-class HeldPoints:
+class FixedPoints:
     """The components of points that the supports of a problem fix.
 
     Attributes:
@@ -93,7 +93,7 @@ class HeldPoints:
         each = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(supports))
         held = np.zeros(self.is_free.shape)
         for number, support in enumerate(supports):
-            mine = self.held_by(number)
+            mine = self.fixed_by(number)
             points = np.flatnonzero(mine.any(axis=1))
             moved = moved_to(support, self._problem.mesh.points[points], float(each[number]))
             held[mine] = moved[mine[points]]
@@ -101,7 +101,7 @@ class HeldPoints:
             held[self.slanted.points] = self._slanted_at(self.slanted, each)
         return held
 
-    def held_by(self, number: int) -> NDArray[np.bool_]:
+    def fixed_by(self, number: int) -> NDArray[np.bool_]:
         """Which components along x, y, z a support fixes, shape (num_points, 3)."""
         mine: NDArray[np.bool_] = self._holder == number
         return mine
@@ -177,11 +177,11 @@ class HeldPoints:
 
     def _slanted_at(self, slanted: SlantedPoints, factors: Floats) -> Floats:
         asked = np.zeros(slanted.supports.shape)
-        places = self._problem.mesh.points[slanted.points]
+        positions = self._problem.mesh.points[slanted.points]
         for number, support in enumerate(self._problem.supports):
             mine = slanted.supports == number
             if mine.any():
-                moved = moved_to(support, places, float(factors[number]))
+                moved = moved_to(support, positions, float(factors[number]))
                 along = np.einsum("nkj,nj->nk", slanted.directions, moved)
                 asked[mine] = along[mine]
         components: Floats = np.einsum("nij,nj->ni", slanted.weights, asked)

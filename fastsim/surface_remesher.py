@@ -99,7 +99,7 @@ def remesh_surface(
     size = mean_edge_length(points, facets) if edge_length is None else edge_length
     require_positive(edge_length=size, distance=distance)
     require_no_self_intersection(points, facets, most=_MOST_PAIRS)
-    local = None if size_field is None else lambda places: size_field(places + origin)
+    local = None if size_field is None else lambda positions: size_field(positions + origin)
     sizes = grid_of_sizes(points, size, local)
     best: float | None = None
     for part in _PARTS:
@@ -159,7 +159,7 @@ _CLOSE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class KeptVolume:
+class ConservedVolume:
     """Points moved to preserve the volume.
 
     Attributes:
@@ -181,7 +181,7 @@ def keep_volume(
     *,
     distance: float,
     reached: float,
-) -> KeptVolume:
+) -> ConservedVolume:
     """Move points so that the volume is that of the given surface, within a distance of it.
 
     Args:
@@ -195,8 +195,8 @@ def keep_volume(
     wanted = _volume(*given)
     missing = wanted - _volume(points, facets)
     if abs(missing) <= _CLOSE * abs(wanted):
-        return KeptVolume(points, reached, 1.0)
-    kept = KeptVolume(points, reached, 0.0)
+        return ConservedVolume(points, reached, 1.0)
+    kept = ConservedVolume(points, reached, 0.0)
     for _ in range(_ROUNDS):
         moves = _moves(kept.points, facets, searched)
         # As much of it as the distance allows, point by point.
@@ -207,12 +207,12 @@ def keep_volume(
             if apart <= distance and not len(_core.find_self_intersections(moved, facets, 1)):
                 part = 1.0 - (wanted - _volume(moved, facets)) / missing
                 if part > kept.part:
-                    kept = KeptVolume(moved, apart, min(part, 1.0))
+                    kept = ConservedVolume(moved, apart, min(part, 1.0))
                 break
             far = facet_distances(moved, facets, searched) > distance
             moves[np.unique(facets[far]) if far.any() else slice(None)] *= 0.5
         if abs(wanted - _volume(kept.points, facets)) <= _CLOSE * abs(wanted):
-            return KeptVolume(kept.points, kept.distance, 1.0)
+            return ConservedVolume(kept.points, kept.distance, 1.0)
     return kept
 
 
@@ -289,8 +289,8 @@ def facet_distances(points: Points, facets: Indices, other: _core.SurfaceDistanc
     used, number = np.unique(facets, return_inverse=True)
     corners = points[facets]
     middles = 0.5 * (corners + corners[:, [1, 2, 0]])
-    places = np.vstack([points[used], middles.reshape(-1, 3), corners.mean(axis=1)])
-    apart = other.distances(np.ascontiguousarray(places))
+    positions = np.vstack([points[used], middles.reshape(-1, 3), corners.mean(axis=1)])
+    apart = other.distances(np.ascontiguousarray(positions))
     at_points, at_middles, at_centres = np.split(apart, [len(used), len(used) + 3 * len(facets)])
     found: Floats = np.column_stack(
         [at_points[number].reshape(-1, 3), at_middles.reshape(-1, 3), at_centres]

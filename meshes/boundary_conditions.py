@@ -313,7 +313,8 @@ def _disagreement(
         known, owners, wanted = np.zeros((0, 3)), list[int](), np.zeros((len(rows), 0))
         for number in np.flatnonzero(pattern).tolist():
             for axis, direction in enumerate(supports[number].directions):
-                here = moved[number][rows] @ direction
+                with np.errstate(invalid="ignore"):  # the solvers refuse what is not finite
+                    here = moved[number][rows] @ direction
                 weights = np.linalg.pinv(known.T, rcond=_ONE_DIRECTION) @ direction
                 if np.linalg.norm(direction - weights @ known) > _ONE_DIRECTION:
                     known, wanted = np.vstack([known, direction]), np.column_stack([wanted, here])

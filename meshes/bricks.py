@@ -46,10 +46,10 @@ def brick_box(
     return TetMesh(points, cells)
 
 
-def side(mesh: TetMesh, axis: int, place: float) -> Indices:
+def side(mesh: TetMesh, axis: int, position: float) -> Indices:
     """Boundary facets whose corners all lie at a coordinate `place` [m] of an axis, (n, 3)."""
     facets = mesh.boundary_facets
-    distance = np.abs(mesh.points[facets][:, :, axis] - place)
+    distance = np.abs(mesh.points[facets][:, :, axis] - position)
     found: Indices = facets[(distance <= 1e-9 * np.ptp(mesh.points[:, axis])).all(axis=1)]
     return found
 
@@ -63,8 +63,9 @@ def held(
     return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
 
 
-def rollers(mesh: TetMesh, places: Iterable[tuple[int, float]]) -> tuple[Support, ...]:
+def rollers(mesh: TetMesh, positions: Iterable[tuple[int, float]]) -> tuple[Support, ...]:
     """Sides (axis, place [m]) that may slide in their own plane only."""
     return tuple(
-        held(side(mesh, axis, place), (axis == 0, axis == 1, axis == 2)) for axis, place in places
+        held(side(mesh, axis, position), (axis == 0, axis == 1, axis == 2))
+        for axis, position in positions
     )

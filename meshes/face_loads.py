@@ -42,7 +42,7 @@ class Profile(StrEnum):
 
 def affine_traction(
     facets: Indices,
-    places: ArrayLike,
+    positions: ArrayLike,
     values: ArrayLike,
     amplitude: TabularAmplitude | None = None,
 ) -> Traction:
@@ -53,7 +53,7 @@ def affine_traction(
 
     Args:
         facets: Loaded boundary facets, shape (m, 3).
-        places: [m], shape (n, 3), 1 <= n <= 4; they need not lie on the face.
+        positions: [m], shape (n, 3), 1 <= n <= 4; they need not lie on the face.
         values: Traction there [Pa], shape (n, 3).
         amplitude: Factor over time [-].
 
@@ -66,7 +66,7 @@ def affine_traction(
     >>> grows.gradient[1].tolist()
     [0.0, 0.0, 3.0]
     """
-    x = np.asarray(places, dtype=np.float64)
+    x = np.asarray(positions, dtype=np.float64)
     t = np.asarray(values, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] != 3 or t.shape != x.shape or not 1 <= len(x) <= 4:
         raise InputError("a traction by values needs 1 to 4 places with three numbers each")

@@ -187,7 +187,7 @@ def write_mesh(
     _write(path, suffix, out)
 
 
-def read_answer(
+def read_result_arrays(
     path: str | Path, *, most_bytes: int = MOST_BYTES
 ) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
     """Points, tetrahedra and fields on both, as in the file: only the kind of file is checked.

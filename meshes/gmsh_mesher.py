@@ -125,14 +125,14 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
         raise MesherFailedError("gmsh returned no tetrahedra")
     cells = np.asarray(connectivity, dtype=np.int64).reshape(-1, 4) - 1
     number = np.asarray(tags, dtype=np.int64) - 1
-    place = np.full((int(number.max()) + 1, 3), np.nan)
-    place[number] = np.asarray(coordinates).reshape(-1, 3)
-    place[: len(points)][used] = points[used]
+    position = np.full((int(number.max()) + 1, 3), np.nan)
+    position[number] = np.asarray(coordinates).reshape(-1, 3)
+    position[: len(points)][used] = points[used]
     inside = np.setdiff1d(np.unique(cells), used)
     order = np.concatenate([used, inside])
-    renumber = np.full(len(place), -1)
+    renumber = np.full(len(position), -1)
     renumber[order] = np.arange(len(order))
-    return place[order], renumber[cells].astype(np.int32)
+    return position[order], renumber[cells].astype(np.int32)
 
 
 def require_apart(surface: TriSurface, shells: Sequence[Shell]) -> None:

@@ -258,8 +258,8 @@ class Material:
                 "must be above 0, or the body has no stable rest"
             )
         modulus, ratio = moduli_of(mu, bulk_modulus)
-        shares = tuple((0.5 * m * alpha / mu, alpha) for m, alpha in terms)
-        return cls(modulus, ratio, density, Law.OGDEN, ogden_terms=shares)
+        fractions = tuple((0.5 * m * alpha / mu, alpha) for m, alpha in terms)
+        return cls(modulus, ratio, density, Law.OGDEN, ogden_terms=fractions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,14 +181,14 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
     triangles = facets.astype(np.int64).copy()
     for _ in range(max_passes):
         directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        place = {(int(a), int(b)): k for k, (a, b) in enumerate(directed)}
+        number_of = {(int(a), int(b)): k for k, (a, b) in enumerate(directed)}
         cosines = _corner_cosines(points, triangles)
         touched = np.zeros(len(triangles), dtype=bool)
         flipped = 0
-        for (a, b), k in place.items():
+        for (a, b), k in number_of.items():
             if a > b:
                 continue
-            opposite = place[(b, a)]
+            opposite = number_of[(b, a)]
             (s, side), (t, other) = divmod(k, 3), divmod(opposite, 3)
             if touched[s] or touched[t]:
                 continue
@@ -197,7 +197,7 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
                 continue
             c = int(triangles[s, (side + 2) % 3])
             d = int(triangles[t, (other + 2) % 3])
-            if (c, d) in place or (d, c) in place:
+            if (c, d) in number_of or (d, c) in number_of:
                 continue
             triangles[s] = (c, a, d)
             triangles[t] = (d, b, c)

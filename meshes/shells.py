@@ -131,21 +131,21 @@ def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
     return TriSurface(surface.points, facets), int(np.count_nonzero(turned))
 
 
-def winding_numbers(surface: TriSurface, places: Points) -> Floats:
+def winding_numbers(surface: TriSurface, positions: Points) -> Floats:
     """How often an oriented surface winds around given points: its solid angle / 4 pi.
 
     Args:
         surface: Its closed parts give whole numbers; +1 inside an outward shell.
-        places: [m], shape (num_places, 3), not on the surface.
+        positions: [m], shape (num_places, 3), not on the surface.
 
     Returns:
         Shape (num_places,).
     """
-    winding = np.zeros(len(places))
-    step = max(1, _BLOCK // max(1, len(places)))
+    winding = np.zeros(len(positions))
+    step = max(1, _BLOCK // max(1, len(positions)))
     for start in range(0, surface.num_facets, step):
         corners = surface.points[surface.facets[start : start + step]]
-        a, b, c = (corners[None, :, k] - places[:, None] for k in range(3))
+        a, b, c = (corners[None, :, k] - positions[:, None] for k in range(3))
         la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
         triple = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
         flat = (

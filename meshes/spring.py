@@ -212,22 +212,22 @@ def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: floa
     return patch
 
 
-def _text(place: tuple[float, float, float]) -> str:
-    return f"({', '.join(f'{x:g}' for x in place)})"
+def _text(position: tuple[float, float, float]) -> str:
+    return f"({', '.join(f'{x:g}' for x in position)})"
 
 
-def _distances(corners: Points, place: Floats) -> Floats:
+def _distances(corners: Points, position: Floats) -> Floats:
     """Distance of a point from triangles [m], (m,) for (m, 3, 3): to the plane, or to an edge."""
     nearest = np.full(len(corners), np.inf)
     for k in range(3):
         start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        part = np.einsum("ij,ij->i", place - start, along) / np.einsum("ij,ij->i", along, along)
+        part = np.einsum("ij,ij->i", position - start, along) / np.einsum("ij,ij->i", along, along)
         foot = start + np.clip(part, 0.0, 1.0)[:, None] * along
-        nearest = np.minimum(nearest, np.linalg.norm(place - foot, axis=1))
+        nearest = np.minimum(nearest, np.linalg.norm(position - foot, axis=1))
     normal = facet_normals(corners)
     size = np.linalg.norm(normal, axis=1)
-    height = np.einsum("ij,ij->i", place - corners[:, 0], normal) / size
-    foot = place - (height / size)[:, None] * normal
+    height = np.einsum("ij,ij->i", position - corners[:, 0], normal) / size
+    foot = position - (height / size)[:, None] * normal
     is_above = np.ones(len(corners), dtype=bool)
     for k in range(3):
         along = corners[:, (k + 1) % 3] - corners[:, k]

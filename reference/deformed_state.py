@@ -199,5 +199,5 @@ def support_forces(discrete: DiscreteProblem, displacement: Floats) -> Points:
         - discrete.external_force(displacement)
         - discrete.contact_force(displacement)
     )
-    total: Points = fenicsx.total(discrete.fixed.shares(reactions.reshape(-1, 3)))
+    total: Points = fenicsx.total(discrete.fixed.fractions(reactions.reshape(-1, 3)))
     return total

@@ -43,7 +43,7 @@ class ReferenceNotConvergedError(ReferenceFailedError):
             shape (num_points, 3); empty when not even the mesh was reached.
         smallest_stretch: Smallest principal stretch there [-]; Saint-Venant-Kirchhoff reaches its
             largest resistance at about 0.577.
-        place: Its position in the rest body [m], shape (3,); NaN where it was not computed.
+        position: Its position in the rest body [m], shape (3,); NaN where it was not computed.
     """
 
     def __init__(
@@ -53,17 +53,17 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         smallest_det_f: float = 1.0,
         displacement: Points | None = None,
         smallest_stretch: float = 1.0,
-        place: Floats | None = None,
+        position: Floats | None = None,
     ) -> None:
         self.load_factor = load_factor
         self.reason = reason
         self.smallest_det_f = smallest_det_f
         self.displacement = np.zeros((0, 3)) if displacement is None else displacement
         self.smallest_stretch = smallest_stretch
-        self.place = np.full(3, np.nan) if place is None else np.asarray(place)
+        self.position = np.full(3, np.nan) if position is None else np.asarray(position)
         where = ""
-        if np.isfinite(self.place).all():
-            x, y, z = self.place.tolist()
+        if np.isfinite(self.position).all():
+            x, y, z = self.position.tolist()
             place_text = f"({x:.4g}, {y:.4g}, {z:.4g}) m"
             where = f", smallest principal stretch {smallest_stretch:.3f} at {place_text}"
         super().__init__(

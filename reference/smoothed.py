@@ -100,8 +100,8 @@ def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) 
     pairs = entities.astype(np.int64) * len(kinds) + kind.reshape(-1, 1)
     _, of_cell = np.unique(pairs, return_inverse=True)
     of_cell = of_cell.reshape(pairs.shape)
-    shares = np.broadcast_to(volumes[:, None] / pairs.shape[1], pairs.shape)
-    summed = np.bincount(of_cell.ravel(), shares.ravel())
+    fractions = np.broadcast_to(volumes[:, None] / pairs.shape[1], pairs.shape)
+    summed = np.bincount(of_cell.ravel(), fractions.ravel())
     return Patches(of_cell, np.asarray(summed, dtype=np.float64))
 
 

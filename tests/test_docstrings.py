@@ -96,13 +96,17 @@ def faults_of_class(kind: type) -> list[str]:
     text = kind.__doc__ or ""
     if dataclasses.is_dataclass(kind):
         names = [field.name for field in dataclasses.fields(kind) if not field.name.startswith("_")]
-        told = named(section(text, "Attributes")) or named(section(text, "Args"))
+        reported = named(section(text, "Attributes")) or named(section(text, "Args"))
         few = all(re.search(rf"\b{name}\b", text) for name in names)
-        faults = [] if told == names or (not told and few) else [f"has {names}, tells {told}"]
+        faults = (
+            []
+            if reported == names or (not reported and few)
+            else [f"has {names}, tells {reported}"]
+        )
     elif "__init__" in vars(kind) and not issubclass(kind, enum.Enum | Exception):
         taken = parameters(tree_of(vars(kind)["__init__"]))
-        told = named(section(text, "Args"))
-        faults = [] if told == taken else [f"takes {taken}, Args names {told}"]
+        reported = named(section(text, "Args"))
+        faults = [] if reported == taken else [f"takes {taken}, Args names {reported}"]
     else:
         faults = [] if text else ["no docstring"]
     for name, member in vars(kind).items():
@@ -132,9 +136,9 @@ def test_no_docstring_names_an_argument_that_is_not_there(room: str) -> None:
     for file in sorted((ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             if isinstance(node, ast.FunctionDef):
-                told = named(section(ast.get_docstring(node) or "", "Args"))
-                if told and told != parameters(node):
-                    wrong.append(f"{file.relative_to(ROOT)}: {node.name}: {told}")
+                reported = named(section(ast.get_docstring(node) or "", "Args"))
+                if reported and reported != parameters(node):
+                    wrong.append(f"{file.relative_to(ROOT)}: {node.name}: {reported}")
     assert wrong == []
 
 

@@ -88,15 +88,15 @@ def test_the_wheel_holds_what_is_needed_and_the_notices_of_what_is_linked_in(whe
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
         notices = [name for name in names if name.endswith("THIRD_PARTY_LICENSES.txt")]
-        told = archive.read(notices[0]).decode("utf-8")
+        reported = archive.read(notices[0]).decode("utf-8")
     suffixes = {Path(name).suffix for name in names if ".dist-info/" not in name}
     assert suffixes == {
         ".py", ".pyi", ".typed", ".so", ".toml", ".npz", ".vtu",
         ".j2", ".css", ".js", ".md", ".yml", ".xz",
     }  # fmt: skip
     assert [".dist-info/licenses/" in name for name in notices] == [True]
-    assert "nanobind" in told
-    assert "robin-map" in told
+    assert "nanobind" in reported
+    assert "robin-map" in reported
     assert not any("/tests/" in name or "/documentation/" in name for name in names)
 
 

@@ -195,7 +195,7 @@ def mesh(
     else:
         choices = RepairChoices() if repair is True else repair or None
         if wrap is not None and choices is not None:
-            raise InputError("wrap takes the place of repair: give one of the two")
+            raise InputError("wrap replaces repair: give one of the two")
         loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
     spec = MeshSpec(
         mesher=mesher,

@@ -113,7 +113,7 @@ def condense_setup(
     dense[held, held] = 0.0
     columns = dense @ condensed.loads
     # Displacements by each right-hand side, and where supports put fixed components.
-    whole = setup.held_fields.copy()
+    whole = setup.prescribed_fields.copy()
     whole[components_of(setup.touched)] += columns
     numbers = np.empty((setup.num_blocks, 9), precision.dtype)
     rows = setup.rows(numbers)

@@ -93,10 +93,10 @@ def condense_matrix(
     """
     kept = dissection.kept
     num_points = len(graph.row_start) - 1
-    place = np.full(num_points, -1, dtype=np.int64)
-    place[kept] = np.arange(len(kept))
+    position = np.full(num_points, -1, dtype=np.int64)
+    position[kept] = np.arange(len(kept))
     entries, owner = graph.entries_of(kept)
-    columns = place[graph.columns[entries]]
+    columns = position[graph.columns[entries]]
     stiffness = np.zeros((3 * len(kept), 3 * len(kept)))
     inside = columns >= 0
     _blocks_of(stiffness)[owner[inside], columns[inside]] = blocks[entries[inside]]
@@ -104,14 +104,14 @@ def condense_matrix(
     updates: dict[int, Floats] = {}
     couplings, offsets = [], []
     is_child = {k for node in dissection.nodes for k in node.children}
-    at_kept = place.copy()
-    place[:] = -1
+    at_kept = position.copy()
+    position[:] = -1
     for number, node in enumerate(dissection.nodes):
         a, b = len(node.own), len(node.border)
-        place[node.own], place[node.border] = np.arange(a), a + np.arange(b)
+        position[node.own], position[node.border] = np.arange(a), a + np.arange(b)
         front, beside = np.zeros((3 * a, 3 * a)), np.zeros((3 * a, 3 * b))
         entries, owner = graph.entries_of(node.own)
-        columns = place[graph.columns[entries]]
+        columns = position[graph.columns[entries]]
         for target, first, end in ((front, 0, a), (beside, a, a + b)):
             inside = (columns >= first) & (columns < end)
             _blocks_of(target)[owner[inside], columns[inside] - first] = blocks[entries[inside]]
@@ -121,7 +121,7 @@ def condense_matrix(
         rows = components_of(at_kept[node.border] if is_last else np.arange(b))
         for child in node.children:
             added = updates.pop(child)
-            at = components_of(place[dissection.nodes[child].border])
+            at = components_of(position[dissection.nodes[child].border])
             mine = at < 3 * a
             inner, outer = np.flatnonzero(mine), np.flatnonzero(~mine)
             front[np.ix_(at[inner], at[inner])] += added[np.ix_(inner, inner)]
@@ -141,7 +141,7 @@ def condense_matrix(
         if keeps_couplings:
             couplings.append(coupling)
             offsets.append(offset)
-        place[node.own], place[node.border] = -1, -1
+        position[node.own], position[node.border] = -1, -1
         if progress and (number + 1) % 32 == 0:
             progress(f"{number + 1} of {len(dissection.nodes)} fronts eliminated")
     return Condensed(stiffness, left[components_of(kept)], dissection, couplings, offsets)

@@ -25,9 +25,9 @@ from palpate.fastsim.condensed.setup import (
     CondensedSetup,
     NotCondensableError,
     SupportTerm,
-    held_fields_of,
+    prescribed_fields_of,
 )
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Problem
@@ -316,8 +316,8 @@ def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> P
     """
     assert model.inside is not None
     problem = model.problem
-    supports = HeldPoints(problem)
-    fields = held_fields_of(problem, supports, model.terms)
+    supports = FixedPoints(problem)
+    fields = prescribed_fields_of(problem, supports, model.terms)
     held = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
     at_touched = np.zeros_like(problem.mesh.points)
     at_touched[model.touched] = touched

@@ -16,7 +16,7 @@ from palpate.fastsim.condensed.elimination import Dissection, Graph, dissect
 from palpate.fastsim.errors import FastsimError
 from palpate.fastsim.forces import external_force, lumped_areas
 from palpate.fastsim.springs import PatchSprings
-from palpate.fastsim.supports import HeldPoints, turning
+from palpate.fastsim.supports import FixedPoints, turning
 from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import (
     BodyForce,
@@ -105,7 +105,7 @@ class CondensedSetup:
         _require_condensable(problem)
         mesh = problem.mesh
         self.problem, self.element = problem, element
-        self._supports = HeldPoints(problem)
+        self._supports = FixedPoints(problem)
         self.is_free = self._supports.is_free
         is_movable = self.is_free.any(axis=1)
         boundary = np.unique(mesh.boundary_facets)
@@ -143,7 +143,7 @@ class CondensedSetup:
         """All arrays on which the model depends, besides element and precision."""
         return (
             self.problem.mesh.points, self.graph.row_start, self.graph.columns, self.blocks,
-            self.right_sides, self.held_fields, self.touched, self.seen,
+            self.right_sides, self.prescribed_fields, self.touched, self.seen,
         )  # fmt: skip
 
     def to_space(self, vectors: Points) -> Points:
@@ -212,23 +212,23 @@ class CondensedSetup:
             for number, support in enumerate(problem.supports)
             for kind in _kinds_of(support)
         )
-        self.held_fields = held_fields_of(problem, supports, self.terms)
+        self.prescribed_fields = prescribed_fields_of(problem, supports, self.terms)
         load = supports.to_local(external_force(problem))
         sides = [np.where(self.is_free != 0, load, 0.0)]
-        for field in self.held_fields.T[1:]:
+        for field in self.prescribed_fields.T[1:]:
             reaction = body.core.multiply(np.ascontiguousarray(field.reshape(-1, 3)))
             sides.append(np.where(self.is_free != 0, -reaction, 0.0))
         for pull in _anchor_pulls(problem, springs):
             sides.append(np.where(self.is_free != 0, supports.to_local(pull), 0.0))
-        anchored = np.zeros((len(self.held_fields), 3 * len(problem.springs)))
-        self.held_fields = np.hstack([self.held_fields, anchored])
+        anchored = np.zeros((len(self.prescribed_fields), 3 * len(problem.springs)))
+        self.prescribed_fields = np.hstack([self.prescribed_fields, anchored])
         self.right_sides: Floats = np.array(sides).reshape(len(sides), -1).T.copy()
 
 
 def surface_points(problem: Problem) -> Indices:
     """Points of the boundary that are not fixed in all components, ascending."""
     mesh = problem.mesh
-    is_free = HeldPoints(problem).is_free.any(axis=1)
+    is_free = FixedPoints(problem).is_free.any(axis=1)
     found: Indices = np.flatnonzero((lumped_areas(mesh, mesh.boundary_facets) > 0.0) & is_free)
     return found.astype(np.int32)
 
@@ -238,8 +238,8 @@ def _kinds_of(support: Support) -> tuple[int, ...]:
     return first if support.rotation is None else (*first, 1, 2)
 
 
-def held_fields_of(
-    problem: Problem, supports: HeldPoints, terms: tuple[SupportTerm, ...]
+def prescribed_fields_of(
+    problem: Problem, supports: FixedPoints, terms: tuple[SupportTerm, ...]
 ) -> Floats:
     """Fixed components by terms of factor 1, along the points' own axes; first a column of zeros.
 
@@ -247,7 +247,7 @@ def held_fields_of(
     """
     points = problem.mesh.points
     fields = [np.zeros_like(points)]
-    unturned = HeldPoints(
+    unturned = FixedPoints(
         dataclasses.replace(
             problem,
             supports=tuple(dataclasses.replace(s, rotation=None) for s in problem.supports),
@@ -262,7 +262,7 @@ def held_fields_of(
             factors[term.support] = 1.0
             field = unturned.at(factors)
         elif rotation is not None:
-            mine = supports.held_by(term.support)
+            mine = supports.fixed_by(term.support)
             turned = turning(rotation, points)[term.kind - 1]
             field = np.where(mine, turned, 0.0)
             slanted = supports.slanted

@@ -188,13 +188,13 @@ class CondensedSteps:
 
     def _build(self) -> tuple[_core.CondensedContact, tuple[float, ...]]:
         model, problem = self.model, self.model.problem
-        place = np.full(problem.mesh.num_points, -1, dtype=np.int32)
-        place[model.touched] = np.arange(len(model.touched))
+        row_of = np.full(problem.mesh.num_points, -1, dtype=np.int32)
+        row_of[model.touched] = np.arange(len(model.touched))
         shapes, stiffnesses, reach = [], [], 0.0
         for number, tool in enumerate(self.tools, start=1):
             require_known_tool(tool, number)
             contact = ToolContact(problem, tool)
-            vertices: NDArray[np.int32] = place[contact.vertices]
+            vertices: NDArray[np.int32] = row_of[contact.vertices]
             if (vertices < 0).any():
                 bad = int(contact.vertices[vertices < 0][0])
                 raise NotCondensableError(
@@ -207,8 +207,8 @@ class CondensedSteps:
             stiffnesses.append(stiffness)
             shapes.append(_core.CondensedTool(contact.shape, stiffness, vertices, contact.areas))
         is_penalty = self._law.form is ContactForm.PENALTY
-        places = np.array(problem.mesh.points[model.touched])
-        core = _core.CondensedContact(model.compliance, places, shapes, is_penalty, reach)
+        rest = np.array(problem.mesh.points[model.touched])
+        core = _core.CondensedContact(model.compliance, rest, shapes, is_penalty, reach)
         return core, tuple(stiffnesses)
 
 
@@ -262,12 +262,12 @@ class CondensedBody:
         self._steps = CondensedSteps(model)
         self.tools = tuple(CondensedBodyTool(self, k, tool) for k, tool in enumerate(problem.tools))
         self.springs = tuple(BodySpring(self, spring) for spring in problem.springs)
-        place = np.full(problem.mesh.num_points, -1, dtype=np.int32)
-        place[model.seen] = np.arange(len(model.seen))
-        facets = place[problem.mesh.boundary_facets]
+        row_of = np.full(problem.mesh.num_points, -1, dtype=np.int32)
+        row_of[model.seen] = np.arange(len(model.seen))
+        facets = row_of[problem.mesh.boundary_facets]
         self.facets: Indices = facets[(facets >= 0).all(axis=1)]
         self._patches = PatchSprings(problem.mesh.points, problem.springs)
-        self._sees = [bool((place[s.facets] >= 0).all()) for s in problem.springs]
+        self._sees = [bool((row_of[s.facets] >= 0).all()) for s in problem.springs]
         self._rest = np.array(problem.mesh.points[model.seen])
         self._positions, self._displacement = self._rest.copy(), np.zeros_like(self._rest)
         self._shown = self._positions.view()

@@ -100,13 +100,13 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
     found = VertexCellDetector(mesh).find(mesh.points + displacement)
     vertices, first = np.unique(found.vertices, return_index=True)
     cells = mesh.cells[found.cells[first]]
-    places = (found.weights[first][:, :, None] * mesh.points[cells]).sum(axis=1)
+    positions = (found.weights[first][:, :, None] * mesh.points[cells]).sum(axis=1)
     part, depths = parts_of_mesh(mesh), np.zeros(len(vertices))
     for number in np.unique(part[cells[:, 0]]):
         facets = mesh.boundary_facets[part[mesh.boundary_facets[:, 0]] == number]
         surface = _core.SurfaceDistance(np.array(mesh.points), np.ascontiguousarray(facets))
         here = part[cells[:, 0]] == number
-        depths[here] = surface.distances(np.ascontiguousarray(places[here]))
+        depths[here] = surface.distances(np.ascontiguousarray(positions[here]))
     return vertices.astype(np.int32), depths
 
 

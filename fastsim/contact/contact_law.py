@@ -235,12 +235,12 @@ def require_outside(
     depths = -contact.gaps(displacement, pose).distances
     if depths.size and depths.max() > allowed:
         worst = int(np.argmax(depths))
-        place = contact.places(displacement)[worst]
-        raise ToolInsideError(number, float(depths[worst]), allowed, _as_tuple(place))
+        position = contact.positions(displacement)[worst]
+        raise ToolInsideError(number, float(depths[worst]), allowed, _as_tuple(position))
     middle = _middle_points(contact.tool.shape) @ pose["rotation"].T + pose["position"]
-    for place in middle:
-        if _is_in_a_cell(problem, displacement, place):
-            raise ToolInsideError(number, float("inf"), allowed, _as_tuple(place))
+    for position in middle:
+        if _is_in_a_cell(problem, displacement, position):
+            raise ToolInsideError(number, float("inf"), allowed, _as_tuple(position))
 
 
 def require_larger_than_gaps(problem: Problem, contact: ToolContact, number: int) -> None:
@@ -297,19 +297,19 @@ def _middle_points(shape: ToolShape) -> Points:
             return np.array(shape.surface.points[:1])
 
 
-def _is_in_a_cell(problem: Problem, displacement: Points, place: Points) -> bool:
+def _is_in_a_cell(problem: Problem, displacement: Points, position: Points) -> bool:
     corners = (problem.mesh.points + displacement)[problem.mesh.cells]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    corners = corners[np.all((low <= place) & (place <= high), axis=1)]
+    corners = corners[np.all((low <= position) & (position <= high), axis=1)]
     if not len(corners):
         return False
     edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    weights = np.linalg.solve(edges, (place - corners[:, 0])[:, :, None])[:, :, 0]
+    weights = np.linalg.solve(edges, (position - corners[:, 0])[:, :, None])[:, :, 0]
     return bool(((weights >= 0.0).all(axis=1) & (weights.sum(axis=1) <= 1.0)).any())
 
 
-def _as_tuple(place: Points) -> tuple[float, float, float]:
-    return float(place[0]), float(place[1]), float(place[2])
+def _as_tuple(position: Points) -> tuple[float, float, float]:
+    return float(position[0]), float(position[1]), float(position[2])
 
 
 def read_pose(
@@ -325,9 +325,9 @@ def read_pose(
     Raises:
         InputError: The numbers are no pose.
     """
-    place = read_numbers(position, 3, f"position of tool {number + 1}")
+    origin = read_numbers(position, 3, f"position of tool {number + 1}")
     if rotation is None:
-        return place, None
+        return origin, None
     turn = read_numbers(rotation, 4, f"rotation of tool {number + 1}")
     length = math.hypot(*turn)
     if not abs(length - 1.0) < UNIT_TOLERANCE:
@@ -335,7 +335,7 @@ def read_pose(
             f"the rotation of tool {number + 1} has length {length:g}; give a unit quaternion "
             "(w, x, y, z)"
         )
-    return place, [q / length for q in turn]
+    return origin, [q / length for q in turn]
 
 
 def read_numbers(given: ArrayLike, count: int, what: str) -> list[float]:

@@ -72,9 +72,11 @@ class ContactTerm:
             gaps = contact.gaps(displacement, pose)
             faces = self._faces[len(out)]
             if faces is not None:
-                gaps = faces.from_faces(gaps, contact.places(displacement), pose)
+                gaps = faces.from_faces(gaps, contact.positions(displacement), pose)
             if self._next_poses:
-                gaps = _ahead(gaps, contact.places(displacement), pose, self._next_poses[len(out)])
+                gaps = _ahead(
+                    gaps, contact.positions(displacement), pose, self._next_poses[len(out)]
+                )
             out.append((gaps, np.maximum(0.0, multiplier - weight * gaps.distances)))
         return out
 
@@ -95,10 +97,10 @@ class ContactTerm:
         ]
 
     def _dragged(self, number: int, displacement: Points, gaps: Gaps) -> tuple[Points, Floats]:
-        places = self.contacts[number].places(displacement)
+        positions = self.contacts[number].positions(displacement)
         # Where a tool will be, the vertices that stick to it are to come along.
         pose = (self._next_poses or self.poses)[number]
-        return self._drags[number].forces(places, pose, gaps.normals, self.multipliers[number])
+        return self._drags[number].forces(positions, pose, gaps.normals, self.multipliers[number])
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
         """Add minus the force's derivative to the matrix; return whether other vertices touch."""
@@ -141,9 +143,9 @@ class ContactTerm:
         for contact, pose, faces, drag in zip(
             self.contacts, poses, self._faces, self._drags, strict=True
         ):
-            drag.keep(contact.places(displacement), pose)
+            drag.keep(contact.positions(displacement), pose)
             if faces is not None:
-                faces.keep(contact.places(displacement), pose)
+                faces.keep(contact.positions(displacement), pose)
 
     def go_back(self) -> None:
         """Restore friction and the faces of boxes to the last accepted equilibrium."""
@@ -186,7 +188,7 @@ class ContactTerm:
         ):
             if faces is not None:
                 push = pressed[number][1]
-                moves, again = faces.move_round(contact.places(displacement), pose, push > 0.0)
+                moves, again = faces.move_round(contact.positions(displacement), pose, push > 0.0)
                 self.multipliers[number] = np.where(moves, 0.0, self.multipliers[number])
                 count, is_again = count + int(moves.sum()), is_again or again
         return count, is_again
@@ -227,10 +229,12 @@ def _in_tool(gaps: Gaps, pose: NDArray[np.void]) -> Points:
     return normals
 
 
-def _ahead(gaps: Gaps, places: Points, pose: NDArray[np.void], next_pose: NDArray[np.void]) -> Gaps:
+def _ahead(
+    gaps: Gaps, positions: Points, pose: NDArray[np.void], next_pose: NDArray[np.void]
+) -> Gaps:
     """Gaps when the tool has gone on to another pose, to first order in its way."""
     turn = next_pose["rotation"] @ pose["rotation"].T
-    way = (places - pose["position"]) @ turn.T + next_pose["position"] - places
+    way = (positions - pose["position"]) @ turn.T + next_pose["position"] - positions
     return replace(gaps, distances=gaps.distances - np.sum(gaps.normals * way, axis=1))
 
 
@@ -260,36 +264,36 @@ class Drag:
         self._multipliers: Points = np.zeros((len(weights), 3))
         self._kept = self._multipliers, self._multipliers
 
-    def keep(self, places: Points, pose: NDArray[np.void]) -> None:
+    def keep(self, positions: Points, pose: NDArray[np.void]) -> None:
         """Accept an equilibrium with the vertices at these positions [m]."""
-        self._kept = self._multipliers, _seen_from(places, pose)
+        self._kept = self._multipliers, _seen_from(positions, pose)
 
     def go_back(self) -> None:
         """Return to the last accepted equilibrium."""
         self._multipliers = self._kept[0]
 
     def forces(
-        self, places: Points, pose: NDArray[np.void], normals: Points, pushes: Floats
+        self, positions: Points, pose: NDArray[np.void], normals: Points, pushes: Floats
     ) -> tuple[Points, Floats]:
         """Friction on the vertices [N], shape (n, 3), and minus its derivative, (n, 3, 3) [N/m].
 
         Args:
-            places: Positions of the vertices [m], shape (n, 3).
+            positions: Positions of the vertices [m], shape (n, 3).
             pose: Pose of the tool.
             normals: Out of the tool, shape (n, 3).
             pushes: Multipliers of contact, which bound it [N], shape (n,).
         """
-        count = len(places)
+        count = len(positions)
         if self.coefficient == 0.0 or not count:
             return np.zeros((count, 3)), np.zeros((count, 3, 3))
-        slip = _seen_from(places, pose) - self._kept[1]
+        slip = _seen_from(positions, pose) - self._kept[1]
         wanted = (self._multipliers - self._weights[:, None] * slip) @ pose["rotation"].T
         across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)
         wanted = np.einsum("nij,nj->ni", across, wanted)
         sizes, most = np.linalg.norm(wanted, axis=1), self.coefficient * pushes
-        is_held = sizes <= most
-        share = np.where(is_held, 1.0, most / np.where(is_held, 1.0, sizes))
-        along = np.where(is_held, 0.0, 1.0 / np.where(is_held, 1.0, sizes))[:, None] * wanted
+        is_fixed = sizes <= most
+        share = np.where(is_fixed, 1.0, most / np.where(is_fixed, 1.0, sizes))
+        along = np.where(is_fixed, 0.0, 1.0 / np.where(is_fixed, 1.0, sizes))[:, None] * wanted
         stiff = across - np.einsum("ni,nj->nij", along, along)
         return share[:, None] * wanted, (share * self._weights)[:, None, None] * stiff
 
@@ -301,8 +305,8 @@ class Drag:
         return change, float(np.sum(new**2))
 
 
-def _seen_from(places: Points, pose: NDArray[np.void]) -> Points:
-    seen: Points = (places - pose["position"]) @ pose["rotation"]
+def _seen_from(positions: Points, pose: NDArray[np.void]) -> Points:
+    seen: Points = (positions - pose["position"]) @ pose["rotation"]
     return seen
 
 
@@ -335,9 +339,9 @@ class BoxFaces:
         self._begin = self._faces = self._kept = np.zeros((0, 3))
         self._has_moved = np.zeros(0, dtype=np.bool_)
 
-    def keep(self, places: Points, pose: NDArray[np.void]) -> None:
+    def keep(self, positions: Points, pose: NDArray[np.void]) -> None:
         """Accept an equilibrium with the vertices at these positions [m], shape (n, 3)."""
-        own = _in_frame(places, pose)
+        own = _in_frame(positions, pose)
         heights = np.abs(own) - self._half_widths
         above = (heights > self._at).sum(axis=1)
         at_box = self._by_way(own) if len(self._faces) else self._nearest(own)
@@ -351,32 +355,32 @@ class BoxFaces:
         self._faces = self._kept
         self._has_moved = np.zeros(len(self._kept), dtype=np.bool_)
 
-    def from_faces(self, gaps: Gaps, places: Points, pose: NDArray[np.void]) -> Gaps:
+    def from_faces(self, gaps: Gaps, positions: Points, pose: NDArray[np.void]) -> Gaps:
         """Gaps from each vertex's own face, where it has one or is inside the box."""
         if not len(self._faces):
             return gaps
-        own = _in_frame(places, pose)
+        own = _in_frame(positions, pose)
         inside = (np.abs(own) <= self._half_widths + self._at).all(axis=1)
         faces = self._by_way(own)
-        is_held = (self._faces != 0.0).any(axis=1) | inside
+        is_fixed = (self._faces != 0.0).any(axis=1) | inside
         distances = (faces * own).sum(axis=1) - np.abs(faces) @ self._half_widths
         normals = faces @ pose["rotation"].T
         return Gaps(
-            np.where(is_held, distances, gaps.distances),
-            np.where(is_held[:, None], normals, gaps.normals),
-            np.where(is_held, 0.0, gaps.curvatures),
-            np.where(is_held[:, None], 0.0, gaps.axes),
+            np.where(is_fixed, distances, gaps.distances),
+            np.where(is_fixed[:, None], normals, gaps.normals),
+            np.where(is_fixed, 0.0, gaps.curvatures),
+            np.where(is_fixed[:, None], 0.0, gaps.axes),
         )
 
     def move_round(
-        self, places: Points, pose: NDArray[np.void], is_pressed: NDArray[np.bool_]
+        self, positions: Points, pose: NDArray[np.void], is_pressed: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], bool]:
         """Pass vertices pressed beyond an edge of their face to the face round that edge.
 
         Returns:
             Which vertices, shape (n,), and whether one of them was passed on before.
         """
-        own = _in_frame(places, pose)
+        own = _in_frame(positions, pose)
         beside = np.where(self._faces != 0.0, 0.0, np.abs(own) - self._half_widths)
         held = (self._faces != 0.0).any(axis=1)
         moves = held & is_pressed & (beside.max(axis=1) > self._at)
@@ -408,8 +412,8 @@ class BoxFaces:
         return found
 
 
-def _in_frame(places: Points, pose: NDArray[np.void]) -> Points:
-    own: Points = (places - pose["position"]) @ pose["rotation"]
+def _in_frame(positions: Points, pose: NDArray[np.void]) -> Points:
+    own: Points = (positions - pose["position"]) @ pose["rotation"]
     return own
 
 

@@ -13,17 +13,17 @@ class ToolInsideError(ToolError):
         tool: Number of the tool, from 0.
         depth: How deep its deepest vertex is [m]; infinite where the tool is inside as a whole.
         allowed: How deep it may be at the start [m].
-        place: Position of that vertex, or of the tool's point that is inside [m].
+        position: Position of that vertex, or of the tool's point that is inside [m].
     """
 
     def __init__(
-        self, tool: int, depth: float, allowed: float, place: tuple[float, float, float]
+        self, tool: int, depth: float, allowed: float, position: tuple[float, float, float]
     ) -> None:
         self.tool = tool
         self.depth = depth
         self.allowed = allowed
-        self.place = place
-        where = ", ".join(f"{x:.4g}" for x in place)
+        self.position = position
+        where = ", ".join(f"{x:.4g}" for x in position)
         how = "has its middle in the body" if depth == float("inf") else f"is {depth:.3g} m deep"
         super().__init__(
             f"tool {tool + 1} {how} at the start, at ({where}) m; at most {allowed:.3g} m is "

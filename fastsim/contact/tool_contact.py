@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.forces import lumped_areas
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
@@ -63,19 +63,19 @@ class ToolContact:
         self.shape = core_shape(tool.shape)
         self.facets = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
         lumped = lumped_areas(mesh, self.facets)
-        is_free = HeldPoints(problem).is_free.any(axis=1)
+        is_free = FixedPoints(problem).is_free.any(axis=1)
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
         self.areas = lumped[self.vertices]
         self._rest = mesh.points[self.vertices]
 
-    def places(self, displacement: Points) -> Points:
+    def positions(self, displacement: Points) -> Points:
         """The vertices as displaced [m], shape (n, 3)."""
-        places: Points = self._rest + displacement[self.vertices]
-        return places
+        positions: Points = self._rest + displacement[self.vertices]
+        return positions
 
     def gaps(self, displacement: Points, pose: NDArray[np.void]) -> Gaps:
         """Gaps of the vertices, the tool at a pose (see `poses_at`)."""
-        return gaps_at(self.shape, self.places(displacement), pose)
+        return gaps_at(self.shape, self.positions(displacement), pose)
 
 
 def core_shape(shape: ToolShape) -> _core.ToolShape:
@@ -96,9 +96,9 @@ def core_shape(shape: ToolShape) -> _core.ToolShape:
             )
 
 
-def gaps_at(shape: _core.ToolShape, places: Points, pose: NDArray[np.void]) -> Gaps:
+def gaps_at(shape: _core.ToolShape, positions: Points, pose: NDArray[np.void]) -> Gaps:
     """Gaps of positions in space [m], shape (n, 3), to a shape at a pose."""
-    given = np.ascontiguousarray(places, dtype=np.float64)
+    given = np.ascontiguousarray(positions, dtype=np.float64)
     return Gaps(*shape.gaps(given, np.array(pose).reshape(1).view(np.float64).reshape(1, -1)))
 
 
@@ -126,5 +126,5 @@ def on_tool(
         force: On the contact's vertices [N], shape (n, 3).
         pose: Pose of the tool.
     """
-    arms = contact.places(displacement) - pose["position"]
+    arms = contact.positions(displacement) - pose["position"]
     return np.concatenate([-force.sum(axis=0), -np.cross(arms, force).sum(axis=0)])

@@ -223,12 +223,12 @@ def crossings_of(
 
 
 def facets_near(
-    points: Points, facets: Indices, places: Points, reach: float = 0.0
+    points: Points, facets: Indices, positions: Points, reach: float = 0.0
 ) -> NDArray[np.int64]:
     """Facets whose box comes within `reach` of the box of positions."""
-    if not len(places):
+    if not len(positions):
         return np.zeros(0, dtype=np.int64)
-    low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
+    low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
     corners = points[facets]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return np.flatnonzero(meets.all(axis=1))
@@ -265,5 +265,5 @@ def _corners_in_order(points: Points, facets: Indices) -> Points:
     number = number.reshape(-1)[facets]
     first = np.argmin(number, axis=1)
     turned = facets[np.arange(len(facets))[:, None], (first[:, None] + np.arange(3)) % 3]
-    places: Points = points[turned].reshape(-1, 9) + 0.0
-    return places
+    positions: Points = points[turned].reshape(-1, 9) + 0.0
+    return positions

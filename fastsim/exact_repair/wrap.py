@@ -117,8 +117,10 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
             f"are bridged, or its parts lie too far from each other; try {2.0 * distance:.3g} m",
             distance,
         )
-    places, rows = made.points, made.facets
-    crumbs = loose_facets(places, rows, _CRUMB * spacing) if len(rows) else np.zeros(0, dtype=bool)
+    positions, rows = made.points, made.facets
+    crumbs = (
+        loose_facets(positions, rows, _CRUMB * spacing) if len(rows) else np.zeros(0, dtype=bool)
+    )
     rows = rows[~crumbs]
     if not len(rows):
         raise WrapError(
@@ -126,7 +128,7 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
             "distance, turned inwards, or facing both ways; take less, or turn them round",
             distance,
         )
-    new = _better(_compact(places, rows), _MOVES * distance, _EDGE * spacing)
+    new = _better(_compact(positions, rows), _MOVES * distance, _EDGE * spacing)
     report = _measure(points, facets, new, distance)
     return TriSurface(new.points + origin, new.facets), report
 

@@ -212,7 +212,7 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         pressures=make.array(pressures, make.real),
         histories=make.array(histories, int),
         at=make.groups(begins, corners // 3, pressed=make.array(pressed, int)),
-        shares=make.zeros((len(bodies), len(facets)), make.vec3),
+        fractions=make.zeros((len(bodies), len(facets)), make.vec3),
     )
 
 
@@ -343,11 +343,11 @@ def group(
     return np.searchsorted(flat[order], np.arange(count + 1)).astype(np.int32), order
 
 
-def morton_order(places: Floats) -> NDArray[np.int64]:
+def morton_order(positions: Floats) -> NDArray[np.int64]:
     """Order of positions [m], shape (n, 3), along a curve that fills their box (Morton 1966)."""
-    low, size = places.min(axis=0), max(float(np.ptp(places, axis=0).max()), 1e-300)
-    at = ((places - low) / size * (2**_BITS - 1)).astype(np.int64)
-    code = np.zeros(len(places), dtype=np.int64)
+    low, size = positions.min(axis=0), max(float(np.ptp(positions, axis=0).max()), 1e-300)
+    at = ((positions - low) / size * (2**_BITS - 1)).astype(np.int64)
+    code = np.zeros(len(positions), dtype=np.int64)
     for bit in range(_BITS):
         for axis in range(3):
             code |= ((at[:, axis] >> bit) & 1) << (3 * bit + axis)

@@ -95,7 +95,7 @@ class Launches:
         )
 
     def replace(self, **arrays: Any) -> None:
-        """Put others in the place of arrays of `common`, or of the dead loads."""
+        """Put others instead of arrays of `common`, or of the dead loads."""
         for name, array in arrays.items():
             setattr(self if name == "loads" else self.common, name, array)
         self._inputs.clear()
@@ -142,7 +142,7 @@ class Launches:
         self.find_internal_force()
         if (p := self.pressure) is not None:
             self._launch("press_facets", p.count, p)
-            self._launch("press_points", p.at.count, p.at, shares=p.shares)
+            self._launch("press_points", p.at.count, p.at, fractions=p.fractions)
         if loads_change:
             self.combine_loads()
         if (s := self.supports) is not None:

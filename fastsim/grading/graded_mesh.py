@@ -142,9 +142,9 @@ class GradedMesh:
         wanted = np.sort(facets, axis=1).astype(np.int64)
         both = np.vstack([self._followed, wanted])
         key = np.unique(both, axis=0, return_inverse=True)[1].reshape(-1)
-        place = np.full(int(key.max(initial=0)) + 1, -1)
-        place[key[: len(self._followed)]] = np.arange(len(self._followed))
-        numbers: NDArray[np.int64] = place[key[len(self._followed) :]]
+        position = np.full(int(key.max(initial=0)) + 1, -1)
+        position[key[: len(self._followed)]] = np.arange(len(self._followed))
+        numbers: NDArray[np.int64] = position[key[len(self._followed) :]]
         return numbers
 
     def _facets_within(self, numbers: NDArray[np.int64]) -> Indices:

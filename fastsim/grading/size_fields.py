@@ -36,9 +36,9 @@ class TooManyCellsError(InputError):
         )
 
 
-def distance_to_points(places: ArrayLike) -> Distance:
+def distance_to_points(positions: ArrayLike) -> Distance:
     """Distance to the nearest of some positions [m], shape (n, 3): a point, or a curve's points."""
-    targets = checked_points(np.atleast_2d(np.asarray(places, dtype=np.float64)))
+    targets = checked_points(np.atleast_2d(np.asarray(positions, dtype=np.float64)))
 
     def measure(points: Points) -> Floats:
         nearest = np.full(len(points), np.inf)
@@ -185,8 +185,8 @@ def sample_sizes(
     )
 
 
-def _checked(field: SizeField, places: Points) -> Floats:
-    wanted = np.asarray(field(places), dtype=np.float64)
-    if wanted.shape != (len(places),) or not np.all(wanted > 0.0):
+def _checked(field: SizeField, positions: Points) -> Floats:
+    wanted = np.asarray(field(positions), dtype=np.float64)
+    if wanted.shape != (len(positions),) or not np.all(wanted > 0.0):
         raise InputError("a size field must return one edge length above 0 for each position")
     return wanted

@@ -64,7 +64,7 @@ def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> I
         a facet without area.
     """
     n = len(loop)
-    place = points[loop]
+    position = points[loop]
     cost: Floats = np.full((n, n), np.inf)
     split = np.full((n, n), -1)
     np.fill_diagonal(cost[:, 1:], 0.0)
@@ -79,8 +79,8 @@ def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> I
         low = np.arange(n - span)
         high = low + span
         middle = low[:, None] + np.arange(1, span)
-        to_middle = place[middle] - place[low][:, None]
-        to_end = np.broadcast_to((place[high] - place[low])[:, None], to_middle.shape)
+        to_middle = position[middle] - position[low][:, None]
+        to_end = np.broadcast_to((position[high] - position[low])[:, None], to_middle.shape)
         double_area = np.linalg.norm(np.cross(to_middle, to_end), axis=2)
         total = cost[low[:, None], middle] + cost[middle, high[:, None]] + double_area
         total[double_area == 0.0] = np.inf
@@ -145,7 +145,7 @@ def _refine(
     points: Points, coarse: Indices, loop: list[int], taken: set[tuple[int, int]]
 ) -> tuple[Points, Indices]:
     """Cut facets at their centres where they are larger than the loop's edges near them."""
-    place = [tuple(p) for p in points[loop].tolist()]
+    position = [tuple(p) for p in points[loop].tolist()]
     local = {v: k for k, v in enumerate(loop)}
     # A bridged loop goes through a point twice: the last number counts, the position is the same.
     ring = points[loop]
@@ -155,30 +155,33 @@ def _refine(
     number = list(loop)
     for _ in range(_MOST_PASSES):
         kept: Facets = []
-        before = len(place)
+        before = len(position)
         for f in facets:
-            a, b, c = (place[v] for v in f)
+            a, b, c = (position[v] for v in f)
             centre = tuple((x + y + z) / 3.0 for x, y, z in zip(a, b, c, strict=True))
             size = _GROWTH * sum(wanted[v] for v in f) / 3.0
-            if all(_CENTRE * math.dist(centre, place[v]) > max(size, wanted[v]) for v in f):
-                new = len(place)
-                place.append(centre)
+            if all(_CENTRE * math.dist(centre, position[v]) > max(size, wanted[v]) for v in f):
+                new = len(position)
+                position.append(centre)
                 wanted.append(size)
                 kept += [(f[k], f[(k + 1) % 3], new) for k in range(3)]
             else:
                 kept.append(f)
         facets = kept
-        if len(place) == before:
+        if len(position) == before:
             break
-        number += range(len(points) + before - len(loop), len(points) + len(place) - len(loop))
-        facets = _flip(place, facets, number, taken)
-    new_points = np.array(place[len(loop) :]).reshape(-1, 3)
+        number += range(len(points) + before - len(loop), len(points) + len(position) - len(loop))
+        facets = _flip(position, facets, number, taken)
+    new_points = np.array(position[len(loop) :]).reshape(-1, 3)
     named = np.array(number)[np.array(facets)]
     return np.vstack([points, new_points]), named.astype(np.int32)
 
 
 def _flip(
-    place: list[tuple[float, ...]], facets: Facets, number: list[int], taken: set[tuple[int, int]]
+    position: list[tuple[float, ...]],
+    facets: Facets,
+    number: list[int],
+    taken: set[tuple[int, int]],
 ) -> Facets:
     """Flip inner edges to Delaunay where the two facets keep their orientation."""
     facets = list(facets)
@@ -198,7 +201,7 @@ def _flip(
         named = (min(number[c], number[d]), max(number[c], number[d]))
         if named in taken or number[c] == number[d]:
             continue
-        if not _is_better(*(np.array(place[v]) for v in (a, b, c, d))):
+        if not _is_better(*(np.array(position[v]) for v in (a, b, c, d))):
             continue
         for u, v in ((a, b), (b, c), (c, a), (b, a), (a, d), (d, b)):
             del at[u, v]

@@ -93,14 +93,14 @@ def split_touching(
     if not len(several):
         return points, facets, 0, 0.0
     named = corner.copy()
-    place = list(points)
+    position = list(points)
     for v in several:
         for number in pair[pair[:, 0] == v, 1][1:]:
-            named[fan == number] = len(place)
-            place.append(points[v])
+            named[fan == number] = len(position)
+            position.append(points[v])
     new = named.reshape(-1, 3).astype(np.int32)
-    copies = np.concatenate([several, np.arange(len(points), len(place))])
-    apart = np.array(place)
+    copies = np.concatenate([several, np.arange(len(points), len(position))])
+    apart = np.array(position)
     normals, edge = _normals_and_edges(apart, new, copies)
     touched = np.isin(new, copies).any(axis=1)
     best = None

@@ -139,9 +139,12 @@ class History:
     ) -> AdaptiveResult:
         """The last state with the history of meshes, why it ended, and the first state."""
         fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
+        by_mesh: dict[str, Any] = {
+            key: np.array([mesh[key] for mesh in self.meshes]) for key in self.meshes[0]
+        }
         return AdaptiveResult(
             **fields,
-            **{key: np.array([mesh[key] for mesh in self.meshes]) for key in self.meshes[0]},
+            **by_mesh,
             quantities=self._names,
             tolerances=tuple(goal.tolerance for goal in self._goals),
             ended=end,

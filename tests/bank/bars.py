@@ -34,7 +34,7 @@ def rows(numbers, per_line=8):
     return ",\n".join(", ".join(words[k : k + per_line]) for k in starts)
 
 
-def places(points):
+def positions(points):
     """Coordinates with all their digits."""
     return [", ".join(repr(float(x)) for x in point) for point in np.asarray(points)]
 
@@ -116,8 +116,8 @@ def febio(
     kind = "tet4" if cells is None else "tet10"
     used = one_based(mesh.cells if cells is None else cells)
     nodes = "".join(
-        f'<node id="{k}">{place}</node>\n'
-        for k, place in enumerate(places(mesh.points if points is None else points), 1)
+        f'<node id="{k}">{position}</node>\n'
+        for k, position in enumerate(positions(mesh.points if points is None else points), 1)
     )
     elements = "".join(
         f'<elem id="{k}">{", ".join(map(str, row))}</elem>\n' for k, row in enumerate(used, 1)
@@ -174,8 +174,8 @@ def abaqus(
     mesh = bar() if mesh is None else mesh
     used = one_based(mesh.cells if cells is None else cells)
     shown = [
-        f"{k}, {place}"
-        for k, place in enumerate(places(mesh.points if points is None else points), 1)
+        f"{k}, {position}"
+        for k, position in enumerate(positions(mesh.points if points is None else points), 1)
     ]
     lines = ["*HEADING", "A bar, by hand", "** a comment", "*NODE, NSET=ALLNODES", *shown]
     lines += [f"*ELEMENT, TYPE={'C3D4' if cells is None else 'C3D10'}, ELSET=ALL"]

@@ -1,4 +1,4 @@
-"""A small case as text, and what is put in the place of parts of it."""
+"""A small case as text, and what is put instead of parts of it."""
 
 BOX = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
 MODULI = "youngs_modulus = 1000.0\npoissons_ratio = 0.3\n"

@@ -60,7 +60,7 @@ def sending(make, **options) -> Candidate:
 
 
 def judged_by(references: ReferenceSet, monkeypatch, case: Case, **options) -> CaseResult:
-    """A case judged by these references, in the place of those that are stored."""
+    """A case judged by these references, instead of those that are stored."""
     monkeypatch.setattr(
         "palpate.validation.judging.judge.find_references", lambda *_a, **_k: references
     )

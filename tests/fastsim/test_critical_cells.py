@@ -72,20 +72,20 @@ def test_a_target_lengthens_the_step_and_the_boundary_stays() -> None:
         return mesh_surface(surface, least_altitude=altitude)
 
     plain = find_critical_cells(make(0.0), TISSUE)
-    told: list[str] = []
+    reported: list[str] = []
     wanted = 1.1 * plain.time_step
-    mesh = mesh_to_time_step(TISSUE, wanted, make, told.append)
+    mesh = mesh_to_time_step(TISSUE, wanted, make, reported.append)
     longer = find_critical_cells(mesh, TISSUE)
     assert longer.time_step >= wanted
-    assert 1 <= len(told) <= 4
+    assert 1 <= len(reported) <= 4
     np.testing.assert_array_equal(mesh.points[: len(surface.points)], surface.points)
     assert abs(mesh.volume / surface.volume - 1.0) < 1e-12
     # More than the thinnest facet allows is never reached, and the best mesh is returned.
-    told.clear()
-    best = mesh_to_time_step(TISSUE, 2.0 * plain.surface_step, make, told.append)
+    reported.clear()
+    best = mesh_to_time_step(TISSUE, 2.0 * plain.surface_step, make, reported.append)
     reached = find_critical_cells(best, TISSUE)
     assert plain.time_step <= reached.time_step <= reached.surface_step
-    assert len(told) == 4
+    assert len(reported) == 4
 
 
 def test_no_time_is_an_error_that_says_where() -> None:
@@ -101,11 +101,11 @@ def test_no_time_is_an_error_that_says_where() -> None:
 
 
 def test_progress_names_the_stages_with_their_amounts() -> None:
-    told: list[str] = []
-    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.01), progress=told.append)
-    (expected,) = (line for line in told if "expected" in line)
+    reported: list[str] = []
+    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.01), progress=reported.append)
+    (expected,) = (line for line in reported if "expected" in line)
     assert float(expected.split("some ")[1].split()[0]) == pytest.approx(mesh.num_cells, rel=0.15)
-    assert any(line.startswith("improving cells: ") for line in told)
+    assert any(line.startswith("improving cells: ") for line in reported)
 
 
 def test_work_on_slivers_is_bounded_only_where_the_interior_is_graded(

@@ -12,7 +12,7 @@ from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.errors import EquilibriumLostError, RelaxationFailedError
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
@@ -72,7 +72,7 @@ def test_what_is_returned_balances(ragged_box: TetMesh) -> None:
     relaxed = relax(problem, relative_tolerance=1e-6)
     load = external_force(problem)
     residual = load - Body(ragged_box, SOFT).internal_force(relaxed.displacement)
-    free = HeldPoints(problem).is_free.astype(bool)
+    free = FixedPoints(problem).is_free.astype(bool)
     relative = np.linalg.norm(residual[free]) / np.linalg.norm(load)
     assert relative == pytest.approx(relaxed.relative_residual, rel=1e-6)
     assert relative <= 1e-6

@@ -14,7 +14,7 @@ from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
@@ -44,7 +44,7 @@ def test_a_run_follows_the_plain_loop(
     problem = beam(ragged_box, TimeSpan(0.5, mass_damping=3.0, num_outputs=4))
     result = simulate(problem, strain=strain, element=element)
     body, dt = Body(ragged_box, SOFT, strain, element=element), result.time_step
-    supports = HeldPoints(problem)
+    supports = FixedPoints(problem)
     is_free, held = supports.is_free, supports.at(1.0)
     M, F = body.lumped_mass[:, None], external_force(problem)
     D = 3.0 * M

@@ -85,7 +85,7 @@ def test_an_inverted_cell_stops_the_run_at_that_step(
     values = Body(ragged_box, SOFT).det_f(error.displacement)
     assert values.min() == error.smallest_det_f > 0.0
     corners = ragged_box.points[ragged_box.cells[error.cell]]
-    assert error.place == pytest.approx(corners.mean(axis=0))
+    assert error.position == pytest.approx(corners.mean(axis=0))
     assert "lower the load" in error.suggestion
     assert f"step {error.step} " in str(error)
     assert f"cell {error.cell}" in str(error)

@@ -126,8 +126,8 @@ def test_the_place_is_where_the_neck_is(make_box: MakeBox) -> None:
     with pytest.raises(EquilibriumLostError) as caught:
         solve_static(compressed_bar(mesh, 0.3 * SOFT.youngs_modulus))
     error = caught.value
-    assert abs(error.place[0] - 2.5) < 0.4
-    assert error.place == pytest.approx(mesh.points[mesh.cells[error.cell]].mean(axis=0))
+    assert abs(error.position[0] - 2.5) < 0.4
+    assert error.position == pytest.approx(mesh.points[mesh.cells[error.cell]].mean(axis=0))
     assert error.smallest_stretch == smallest_stretches(Body(mesh, SOFT), error.displacement).min()
 
 

@@ -28,10 +28,10 @@ def faces_of(mesh: TetMesh, name: str) -> set[tuple[bytes, ...]]:
     _, inverse, counts = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
     )
-    return places(mesh.points, faces[counts[inverse.reshape(-1)] == 1])
+    return positions(mesh.points, faces[counts[inverse.reshape(-1)] == 1])
 
 
-def places(points: np.ndarray, facets: np.ndarray) -> set[tuple[bytes, ...]]:  # type: ignore[type-arg]
+def positions(points: np.ndarray, facets: np.ndarray) -> set[tuple[bytes, ...]]:  # type: ignore[type-arg]
     return {tuple(sorted((p + 0.0).tobytes() for p in points[f])) for f in facets}
 
 
@@ -57,10 +57,10 @@ def test_an_organ_with_a_tumour_around_a_vessel() -> None:
     for name, volume in within.items():
         found = mesh.cell_volumes[mesh.cell_groups[name]].sum()
         assert found == pytest.approx(volume, rel=1e-12)
-    assert faces_of(mesh, "vessel") == places(vessel.points, vessel.facets)
-    both = places(tumour.points, tumour.facets) | places(vessel.points, vessel.facets)
+    assert faces_of(mesh, "vessel") == positions(vessel.points, vessel.facets)
+    both = positions(tumour.points, tumour.facets) | positions(vessel.points, vessel.facets)
     assert faces_of(mesh, "tumour") == both
-    assert places(mesh.points, mesh.boundary_facets) == places(ORGAN.points, ORGAN.facets)
+    assert positions(mesh.points, mesh.boundary_facets) == positions(ORGAN.points, ORGAN.facets)
 
 
 def mirrored(body: TriSurface, at: float) -> TriSurface:
@@ -82,10 +82,10 @@ def test_facets_in_common_with_the_body_and_with_each_other(is_within: bool) -> 
     for name, one in within.items():
         found = mesh.cell_volumes[mesh.cell_groups[name]].sum()
         assert found == pytest.approx(0.125, rel=1e-12)
-        assert faces_of(mesh, name) == places(one.points, one.facets)
+        assert faces_of(mesh, name) == positions(one.points, one.facets)
     rest = mesh.cell_volumes[mesh.cell_groups["body"]].sum()
     assert rest == pytest.approx(body.volume - 0.125 * len(within), rel=1e-12)
-    assert places(mesh.points, mesh.boundary_facets) == places(body.points, body.facets)
+    assert positions(mesh.points, mesh.boundary_facets) == positions(body.points, body.facets)
 
 
 def test_bodies_side_by_side_are_one() -> None:

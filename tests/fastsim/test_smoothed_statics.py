@@ -13,7 +13,7 @@ from palpate.fastsim.errors import EquilibriumLostError
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
@@ -48,7 +48,7 @@ def test_internal_forces_balance_the_loads(make_box: MakeBox, strain: Strain) ->
         result = solve_static(given, strain=strain, element=Element.SMOOTHED)
         body = Body.of(given, strain, element=Element.SMOOTHED)
         residual = external_force(given) - body.internal_force(result.displacement)
-        free = HeldPoints(given).is_free != 0
+        free = FixedPoints(given).is_free != 0
         assert np.linalg.norm(residual[free]) < 2e-10 * np.linalg.norm(external_force(given))
         assert np.abs(result.displacement).max() > 0.05
 
@@ -107,7 +107,7 @@ def test_a_tool_is_pressed_as_hard_as_the_body_presses_back(make_box: MakeBox) -
     )
     found = solve_contact(problem, element=Element.SMOOTHED)
     internal = Body(mesh, SOFT, element=Element.SMOOTHED).internal_force(found.displacements[-1])
-    free = HeldPoints(problem).is_free[:, 0] != 0
+    free = FixedPoints(problem).is_free[:, 0] != 0
     assert found.forces[-1, 0, 2] > 1.0
     np.testing.assert_allclose(
         internal[free].sum(axis=0), -found.forces[-1, 0], atol=1e-7 * found.forces[-1, 0, 2]

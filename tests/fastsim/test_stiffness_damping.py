@@ -160,8 +160,8 @@ def test_a_free_body_keeps_its_momenta_and_loses_what_rings(
     damped = spinning(ragged_box, 5e-3, element=element)
     moments = []
     for result in (still, damped):
-        place = ragged_box.points + result.displacements[-1]
-        moments.append(np.sum(mass * np.cross(place, result.velocity), axis=0))
+        position = ragged_box.points + result.displacements[-1]
+        moments.append(np.sum(mass * np.cross(position, result.velocity), axis=0))
         momentum = np.sum(mass * (result.velocity - start), axis=0)
         assert np.abs(momentum).max() < 1e-12 * mass.sum()
     # Of the scheme's velocities, which differ from its momenta by the order of the step.

@@ -187,9 +187,9 @@ def test_facets_inside_the_body_are_refused() -> None:
             {"tools": (dataclasses.replace(plate, contact_facets=facets),)},
         ),
     ):
-        told = {"supports": (held(FLOOR),), "loads": ()} | given
+        reported = {"supports": (held(FLOOR),), "loads": ()} | given
         with pytest.raises(FacetNotOnBoundaryError, match=what) as caught:
-            Problem(MESH, SOFT, **told)
+            Problem(MESH, SOFT, **reported)
         assert caught.value.rows == [len(ROOT)]
         assert str(inside()[0].tolist()) in str(caught.value)
         assert "choose boundary facets" in str(caught.value)

@@ -36,9 +36,9 @@ def random_traction() -> Traction:
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_given_values_are_taken_where_they_were_given(count):
     rng = np.random.default_rng(count)
-    places, values = rng.standard_normal((2, count, 3))
-    load = affine_traction(END, places, values)
-    assert np.abs(load.at(places) - values).max() < 1e-12
+    positions, values = rng.standard_normal((2, count, 3))
+    load = affine_traction(END, positions, values)
+    assert np.abs(load.at(positions) - values).max() < 1e-12
     assert load.is_uniform == (count == 1)
 
 
@@ -48,13 +48,13 @@ def test_two_places_say_nothing_across_their_line():
 
 
 def test_values_far_from_the_origin_keep_their_digits():
-    places = np.array([[1e3, 0, 0], [1e3, 0.1, 0], [1e3, 0, 0.1]])
+    positions = np.array([[1e3, 0, 0], [1e3, 0.1, 0], [1e3, 0, 0.1]])
     values = np.array([[1.0, 0, 0], [2.0, 0, 0], [1.0, 5.0, 0]])
-    assert np.abs(affine_traction(END, places, values).at(places) - values).max() < 1e-10
+    assert np.abs(affine_traction(END, positions, values).at(positions) - values).max() < 1e-10
 
 
 @pytest.mark.parametrize(
-    ("places", "values"),
+    ("positions", "values"),
     [
         # On one line, and not on one straight slope.
         ([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 0, 0], [1, 0, 0], [4, 0, 0]]),
@@ -67,15 +67,15 @@ def test_values_far_from_the_origin_keep_their_digits():
         ([[1, 2, 3], [1, 2, 3]], [[1, 0, 0], [2, 0, 0]]),
     ],
 )
-def test_values_of_no_affine_field_are_refused(places, values):
+def test_values_of_no_affine_field_are_refused(positions, values):
     with pytest.raises(InputError, match="not those of one affine field"):
-        affine_traction(END, places, values)
+        affine_traction(END, positions, values)
 
 
-@pytest.mark.parametrize("places", [np.zeros((5, 3)), np.zeros((0, 3)), np.zeros((2, 2))])
-def test_other_numbers_of_places_are_refused(places):
+@pytest.mark.parametrize("positions", [np.zeros((5, 3)), np.zeros((0, 3)), np.zeros((2, 2))])
+def test_other_numbers_of_places_are_refused(positions):
     with pytest.raises(InputError, match="1 to 4 places"):
-        affine_traction(END, places, places)
+        affine_traction(END, positions, positions)
 
 
 def test_nan_is_refused():
@@ -92,14 +92,14 @@ def test_nan_is_refused():
 def test_profiles_by_their_definitions():
     start, end, peak = np.array([1.0, 0.1, 0.2]), np.array([1.0, 0.5, 0.2]), np.array([1.0, 2, -3])
     s = np.array([0.0, 0.25, 0.5, 1.0, 1.5])
-    places = start + s[:, None] * (end - start) + np.array([0.3, 0.0, -7.0])  # and across
+    positions = start + s[:, None] * (end - start) + np.array([0.3, 0.0, -7.0])  # and across
     for profile, shape in (
         (Profile.UNIFORM, np.ones(5)),
         (Profile.LINEAR, s),
         (Profile.PARABOLIC, 4.0 * s * (1.0 - s)),
     ):
         load = profile_traction(END, peak, profile, start, end)
-        assert np.abs(load.at(places) - shape[:, None] * peak).max() < 1e-12
+        assert np.abs(load.at(positions) - shape[:, None] * peak).max() < 1e-12
     with pytest.raises(InputError, match="two places"):
         profile_traction(END, peak, Profile.LINEAR, start, start)
 
@@ -113,8 +113,8 @@ def test_a_moment_has_no_force_and_is_itself():
     nodal = nodal_force(MESH, moment_traction(MESH, facets, moment))
     assert np.abs(nodal).sum() > 1.0
     assert np.abs(nodal.sum(axis=0)).max() < 1e-13 * np.abs(nodal).sum()
-    for place in ([0.0, 0.0, 0.0], [5.0, -3.0, 1.0]):
-        found = np.cross(MESH.points - place, nodal).sum(axis=0)
+    for position in ([0.0, 0.0, 0.0], [5.0, -3.0, 1.0]):
+        found = np.cross(MESH.points - position, nodal).sum(axis=0)
         assert found == pytest.approx(moment, rel=1e-12)
 
 
@@ -138,14 +138,14 @@ def problem_of(load: Traction) -> Problem:
 @pytest.mark.parametrize("is_mirror", [False, True])
 def test_turned_scaled_and_in_other_units_it_is_the_same_field(is_mirror):
     load, problem = random_traction(), problem_of(random_traction())
-    places = MESH.points[np.unique(END)]
+    positions = MESH.points[np.unique(END)]
     R = rotation((1.0, 2.0, 3.0), 70.0) @ np.diag([1.0, -1.0 if is_mirror else 1.0, 1.0])
     turned = turn(problem, R)[0].loads[0]
-    assert np.abs(turned.at(places @ R.T) - load.at(places) @ R.T).max() < 1e-12
+    assert np.abs(turned.at(positions @ R.T) - load.at(positions) @ R.T).max() < 1e-12
     millimetres = change_units(problem, 1e3)[0].loads[0]
-    assert np.abs(millimetres.at(1e3 * places) - 1e-6 * load.at(places)).max() < 1e-17
+    assert np.abs(millimetres.at(1e3 * positions) - 1e-6 * load.at(positions)).max() < 1e-17
     halved = scale_loads(problem, -0.5).loads[0]
-    assert np.abs(halved.at(places) + 0.5 * load.at(places)).max() < 1e-14
+    assert np.abs(halved.at(positions) + 0.5 * load.at(positions)).max() < 1e-14
 
 
 def test_a_problem_file_keeps_it_and_a_uniform_one_is_as_before(tmp_path):

@@ -12,8 +12,8 @@ from palpate.meshes.errors import FileFormatError, InputError, InvertedCellError
 from palpate.meshes.files import (
     MESH_SUFFIXES,
     SURFACE_SUFFIXES,
-    read_answer,
     read_mesh,
+    read_result_arrays,
     read_surface,
     write_mesh,
     write_surface,
@@ -71,7 +71,7 @@ def test_groups_of_facets_come_back_with_their_names(tmp_path: Path, suffix: str
 def test_fields_come_back(tmp_path: Path) -> None:
     field = np.arange(12.0).reshape(4, 3)
     write_mesh(tmp_path / "m.vtu", ONE_CELL, point_data={"displacement": field})
-    _, _, fields, _ = read_answer(tmp_path / "m.vtu")
+    _, _, fields, _ = read_result_arrays(tmp_path / "m.vtu")
     assert np.array_equal(fields["displacement"], field)
 
 

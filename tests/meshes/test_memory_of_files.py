@@ -45,8 +45,8 @@ def read_in_a_process(how: str, path: Path) -> tuple[str, float]:
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    told, peak = done.stdout.strip().splitlines()
-    return told, float(peak)
+    reported, peak = done.stdout.strip().splitlines()
+    return reported, float(peak)
 
 
 def packed_zeros() -> bytes:
@@ -155,13 +155,13 @@ def test_a_hostile_file_is_refused_in_little_memory(
 ) -> None:
     path = write(tmp_path)
     assert path.stat().st_size < 20e6
-    told, peak = read_in_a_process(how, path)
-    assert told.startswith("refused")
+    reported, peak = read_in_a_process(how, path)
+    assert reported.startswith("refused")
     assert peak < MOST
 
 
 def test_the_same_files_without_the_lie_are_read(tmp_path: Path) -> None:
     for write in (msh2, msh4):
-        told, peak = read_in_a_process("read_mesh", write(tmp_path, "1"))
-        assert told == "read"
+        reported, peak = read_in_a_process("read_mesh", write(tmp_path, "1"))
+        assert reported == "read"
         assert peak < MOST

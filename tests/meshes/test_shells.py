@@ -89,10 +89,10 @@ def test_bodies_that_face_inwards_are_turned_with_what_lies_in_them() -> None:
 
 def test_winding_numbers_are_whole_inside_and_out_also_close_to_the_surface() -> None:
     box = shape_box(edge_length=0.5)
-    places = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 1e-9], [0.5, 0.5, -1e-9], [3.0, 0.0, 0.0]])
+    positions = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 1e-9], [0.5, 0.5, -1e-9], [3.0, 0.0, 0.0]])
     # Each of the facets' angles is good to a few roundings of pi.
     tolerance = 8 * box.num_facets * np.finfo(float).eps + 1e-8  # 1e-9 off a side of 0.5: 4e-9
-    assert np.abs(winding_numbers(box, places) - [1.0, 1.0, 0.0, 0.0]).max() < tolerance
+    assert np.abs(winding_numbers(box, positions) - [1.0, 1.0, 0.0, 0.0]).max() < tolerance
 
 
 def test_shells_that_cross_are_named_also_where_no_point_lies_within_the_other() -> None:

@@ -84,8 +84,8 @@ def test_a_program_that_cannot_be_started_is_an_os_error(tmp_path: Path) -> None
 
 @needs_linux
 def test_what_python_ignores_is_not_ignored_in_the_program() -> None:
-    told = run_supervised(["grep", "SigIgn", "/proc/self/status"], time_limit=60).stdout
-    assert not int(told.split()[1], 16) & (1 << (signal.SIGPIPE - 1))
+    reported = run_supervised(["grep", "SigIgn", "/proc/self/status"], time_limit=60).stdout
+    assert not int(reported.split()[1], 16) & (1 << (signal.SIGPIPE - 1))
 
 
 @needs_linux

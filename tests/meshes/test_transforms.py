@@ -72,9 +72,9 @@ def problem() -> Problem:
     return Problem(mesh, Material(1000.0, 0.3), (), ())
 
 
-def distances(tool: RigidTool, places: Points) -> Points:
+def distances(tool: RigidTool, positions: Points) -> Points:
     shape = core_shape(tool.shape)
-    return np.array([gaps_at(shape, places, p).distances for p in poses_at(tool.path, TIMES)])
+    return np.array([gaps_at(shape, positions, p).distances for p in poses_at(tool.path, TIMES)])
 
 
 def tool_of(shape: ToolShape) -> RigidTool:
@@ -91,18 +91,18 @@ def tool_of(shape: ToolShape) -> RigidTool:
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_places_are_as_far_from_the_tool_as_before(problem: Problem, shape: ToolShape) -> None:
     given = dataclasses.replace(problem, tools=(tool_of(shape),))
-    places = np.random.default_rng(3).uniform(-1.5, 1.5, (100, 3))
-    before = distances(given.tools[0], places)
+    positions = np.random.default_rng(3).uniform(-1.5, 1.5, (100, 3))
+    before = distances(given.tools[0], positions)
     turn = transforms.rotation((1.0, 2.0, 3.0), 50.0)
     half = transforms.rotation((1.0, 0.0, 0.0), 180.0)  # where a quaternion's w is 0
     for matrix in (turn, half, np.diag([1.0, -1.0, 1.0]), turn @ np.diag([1.0, 1.0, -1.0])):
         changed, _ = transforms.turn(given, matrix)
-        after = distances(changed.tools[0], places @ matrix.T)
+        after = distances(changed.tools[0], positions @ matrix.T)
         np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-13)
         # It has really been moved.
-        assert np.abs(distances(given.tools[0], places @ matrix.T) - before).max() > 0.01
+        assert np.abs(distances(given.tools[0], positions @ matrix.T) - before).max() > 0.01
     changed, _ = transforms.change_units(given, 1000.0)
-    after = distances(changed.tools[0], 1000.0 * places)
+    after = distances(changed.tools[0], 1000.0 * positions)
     np.testing.assert_allclose(after, 1000.0 * before, rtol=0.0, atol=1e-10)
 
 

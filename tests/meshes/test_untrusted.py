@@ -149,9 +149,9 @@ def test_every_damaged_byte_is_a_refusal_or_the_same_arrays(tmp_path: Path) -> N
     np.savez_compressed(tmp_path / "a.npz", x=array)
     whole = (tmp_path / "a.npz").read_bytes()
     refused = 0
-    for place in range(0, len(whole), 3):
+    for position in range(0, len(whole), 3):
         damaged = bytearray(whole)
-        damaged[place] ^= 0xFF
+        damaged[position] ^= 0xFF
         (tmp_path / "b.npz").write_bytes(bytes(damaged))
         try:
             found = read_npz(tmp_path / "b.npz")
@@ -172,8 +172,8 @@ def test_a_size_that_the_zip_file_lies_about_does_not_help(tmp_path: Path) -> No
     with pytest.raises(FileFormatError, match="shorter"):
         read_npz(short)
     data = bytearray(short.read_bytes())
-    place = data.rfind(b"PK\x01\x02") + 24  # the uncompressed size in the central directory
-    struct.pack_into("<I", data, place, 10_000)
+    position = data.rfind(b"PK\x01\x02") + 24  # the uncompressed size in the central directory
+    struct.pack_into("<I", data, position, 10_000)
     short.write_bytes(bytes(data))
     with pytest.raises(FileFormatError):
         read_npz(short)

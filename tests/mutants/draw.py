@@ -36,7 +36,7 @@ KINDS = {
 
 
 class ReturnNone(Operator):  # type: ignore[misc]  # Cosmic Ray is not typed
-    """An operator after Cosmic Ray's own: a function returns None in the place of its result."""
+    """An operator after Cosmic Ray's own: a function returns None instead of its result."""
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         """Each return of something."""
@@ -66,7 +66,7 @@ class Mutant:
         kind: Comparison, constant, sign or return.
         operator: Cosmic Ray's name of it.
         occurrence: Which of the operator's places in the source.
-        place: Where in words that survive changes elsewhere: path, function, the line's text and
+        position: Where in words that survive changes elsewhere: path, function, the line's text and
             what becomes of it.
     """
 
@@ -75,7 +75,7 @@ class Mutant:
     kind: str
     operator: str
     occurrence: int
-    place: str
+    position: str
 
     def source(self) -> str:
         """The whole source with the slip."""
@@ -104,18 +104,18 @@ def _of_file(path: Path, names: list[str]) -> Iterator[Mutant]:
     for kind, prefixes in KINDS.items():
         for operator in (n for n in names if n.startswith(prefixes)):
             known = _operator(operator)
-            places = [
+            positions = [
                 (node, start) for node in nodes for start, _ in known.mutation_positions(node)
             ]
-            for occurrence, (node, start) in enumerate(places):
+            for occurrence, (node, start) in enumerate(positions):
                 where = ASTQuery(node).get_definition_name()
                 line = lines[start[0] - 1].strip()
                 # Two of one operator at one place: up and down by one.
-                again = sum(other == start for _, other in places[:occurrence])
+                again = sum(other == start for _, other in positions[:occurrence])
                 word = operator.removeprefix("core/") + (f" {again + 1}" if again else "")
                 column = start[1] - (len(lines[start[0] - 1]) - len(lines[start[0] - 1].lstrip()))
-                place = f"{name}: {where}: {line}: {column}: {word}"
-                yield Mutant(name, start[0], kind, operator, occurrence, place)
+                position = f"{name}: {where}: {line}: {column}: {word}"
+                yield Mutant(name, start[0], kind, operator, occurrence, position)
 
 
 def draw(number: int, mutants: Iterator[Mutant] | list[Mutant]) -> list[Mutant]:
@@ -125,6 +125,6 @@ def draw(number: int, mutants: Iterator[Mutant] | list[Mutant]) -> list[Mutant]:
         by_kind[mutant.kind].append(mutant)
     drawn = []
     for found in by_kind.values():
-        found.sort(key=lambda m: hashlib.sha256(f"{SEED}|{m.place}".encode()).hexdigest())
+        found.sort(key=lambda m: hashlib.sha256(f"{SEED}|{m.position}".encode()).hexdigest())
         drawn += found[: number // len(by_kind)]
     return sorted(drawn, key=lambda m: (m.path, m.line, m.operator, m.occurrence))

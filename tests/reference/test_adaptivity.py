@@ -183,9 +183,9 @@ def test_it_travels_to_a_child_process_and_back(box):
 def pressed(mesh, shape, depth, held):
     """A tool that goes down onto the middle of the top of a body of height 1."""
     above = 1.0 + getattr(shape, "radius", 0.0)
-    places = np.array([[1.0, 1.0, above], [1.0, 1.0, above - depth]])
+    positions = np.array([[1.0, 1.0, above], [1.0, 1.0, above - depth]])
     upside_down = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
-    path = ToolPath([0.0, 1.0], places, upside_down)
+    path = ToolPath([0.0, 1.0], positions, upside_down)
     tool = RigidTool(shape, path, contact_facets=mesh.facet_groups["z1"])
     return Problem(mesh, MATERIAL, held, (), tools=(tool,))
 

@@ -51,11 +51,13 @@ def test_messages_name_the_value_and_the_remedy():
     assert "a cell would invert" in str(lost)
     assert lost.displacement.shape == (0, 3)
     assert "SIGSEGV" in str(ReferenceCrashedError(-11, "noise\n"))
-    told = ReferenceCrashedError(1, "Traceback\npetsc4py.PETSc.Error: error code 76\n[0] noise\n")
-    assert "error code 76" in str(told)
+    reported = ReferenceCrashedError(
+        1, "Traceback\npetsc4py.PETSc.Error: error code 76\n[0] noise\n"
+    )
+    assert "error code 76" in str(reported)
     assert "no message" in str(ReferenceCrashedError(-6, ""))
     assert "30 s" in str(ReferenceTimeoutError(30.0))
-    for error in (lost, told):
+    for error in (lost, reported):
         assert isinstance(error, ReferenceFailedError)
 
 
@@ -89,10 +91,10 @@ def test_where_nothing_can_be_kept_a_folder_lasts_as_long_as_its_process(tmp_pat
         "assert stat.S_IMODE(folder.stat().st_mode) == 0o700\n"
         "(folder / 'form.c').write_text('x'); print(folder.parent)\n"
     )
-    places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
+    positions = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-P", "-c", program],
-        env={**child_environment(), **places},
+        env={**child_environment(), **positions},
         capture_output=True,
         text=True,
         check=False,

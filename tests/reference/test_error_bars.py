@@ -88,8 +88,8 @@ def test_an_area_is_no_better_known_than_its_edges_allow():
     plain = SAFETY * 0.002
 
     def bars(last):
-        told = [0.004, 0.002], [4.0 * last, 2.0 * last, last]
-        return error_bars({Quantity.VOLUME: told, Quantity.SURFACE_AREA: told})
+        reported = [0.004, 0.002], [4.0 * last, 2.0 * last, last]
+        return error_bars({Quantity.VOLUME: reported, Quantity.SURFACE_AREA: reported})
 
     for last, wanted in (
         (0.1, AREA_WIDER * plain),
@@ -101,8 +101,8 @@ def test_an_area_is_no_better_known_than_its_edges_allow():
     lost = error_bars({"surface_area": ([0.1, 0.1], [0.4, 0.2, 0.1])})
     assert lost["surface_area"] == math.inf
     # Differences grew, all smaller than what the estimates, which fall, leave.
-    told = [0.005, 0.009], [0.2, 0.1, 0.04]
-    grown = error_bars({Quantity.VOLUME: told, Quantity.SURFACE_AREA: told})
+    reported = [0.005, 0.009], [0.2, 0.1, 0.04]
+    grown = error_bars({Quantity.VOLUME: reported, Quantity.SURFACE_AREA: reported})
     assert grown[Quantity.VOLUME] == math.inf
     assert grown[Quantity.SURFACE_AREA] == pytest.approx(AREA_OF_ESTIMATE * 0.04)
     stuck = error_bars({"surface_area": ([0.005, 0.009], [0.2, 0.042, 0.04])})
@@ -110,16 +110,16 @@ def test_an_area_is_no_better_known_than_its_edges_allow():
 
 
 def test_two_differences_that_are_small_by_chance_make_no_small_bar():
-    told = [0.02, 1e-6, 1e-8], [0.08, 0.04, 0.01, 0.0025]
-    bars = error_bars(dict.fromkeys(("max_displacement", "volume", "displacement_l2"), told))
+    reported = [0.02, 1e-6, 1e-8], [0.08, 0.04, 0.01, 0.0025]
+    bars = error_bars(dict.fromkeys(("max_displacement", "volume", "displacement_l2"), reported))
     assert bars["max_displacement"] == bars["volume"] == pytest.approx(PART_OF_ESTIMATE * 0.0025)
     # A norm is not small by chance: a quarter of the difference before, and no more.
     assert bars["displacement_l2"] < 2e-7
 
 
 def test_numbers_of_smooth_displacements_are_believed_to_converge_faster_than_norms():
-    told = [0.1, 0.01], [0.1, 0.01, 0.001]
-    bars = error_bars(dict.fromkeys(("volume", "displacement_l2", "strain_energy"), told))
+    reported = [0.1, 0.01], [0.1, 0.01, 0.001]
+    bars = error_bars(dict.fromkeys(("volume", "displacement_l2", "strain_energy"), reported))
     rate = LEAST_RATIO_OF_NUMBERS
     assert bars["volume"] == pytest.approx(SAFETY * rate * 0.1 * rate / (1.0 - rate))
     rate = LEAST_RATIO

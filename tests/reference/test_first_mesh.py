@@ -28,8 +28,8 @@ def held(mesh, *, tools=(), springs=()):
 
 def ball(radius, top):
     """Comes from far above, in the middle, to where its lowest point is at `top`."""
-    places = np.array([[0.5, 0.5, 9.0], [0.5, 0.5, top + radius]])
-    return RigidTool(SphereShape(radius), ToolPath(np.arange(2.0), places))
+    positions = np.array([[0.5, 0.5, 9.0], [0.5, 0.5, top + radius]])
+    return RigidTool(SphereShape(radius), ToolPath(np.arange(2.0), positions))
 
 
 def longest_edge(mesh, near):

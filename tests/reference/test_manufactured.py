@@ -147,9 +147,9 @@ def general_load() -> Traction:
 def statically_held(displacement) -> tuple[Support, ...]:
     """Three points that hold the six rigid motions and no more, where a solution puts them."""
 
-    def one(place, components):
-        point = int(np.linalg.norm(MESH.points - place, axis=1).argmin())
-        assert np.linalg.norm(MESH.points[point] - place) < 1e-12
+    def one(position, components):
+        point = int(np.linalg.norm(MESH.points - position, axis=1).argmin())
+        assert np.linalg.norm(MESH.points[point] - position) < 1e-12
         moved = tuple(displacement(MESH.points[point : point + 1])[0].tolist())
         return Support(np.array([point], np.int32), components=components, displacement=moved)
 

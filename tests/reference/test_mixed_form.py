@@ -27,8 +27,8 @@ def test_pure_bending_is_the_closed_form(box, degree):
     mesh = box((2, 2, 2), jitter=0.2)
     nu, c = 0.45, 0.1
 
-    def exact(places):
-        x, y, r = places[:, 0], places[:, 1], places[:, 2] - 0.5
+    def exact(positions):
+        x, y, r = positions[:, 0], positions[:, 1], positions[:, 2] - 0.5
         bent = -0.5 * (x**2 + nu * (r**2 - y**2))
         return c * np.column_stack([x * r, -nu * y * r, bent])
 
@@ -136,8 +136,8 @@ def test_a_ball_presses_tissue_without_locking(box):
     held, nu = (support(mesh, "z0"),), 0.499
 
     def press(depth, form):
-        places = np.array([[0.5, 0.5, 1.5], [0.5, 0.5, 1.5 - depth]])
-        ball = RigidTool(SphereShape(0.5), ToolPath(np.arange(2.0), places))
+        positions = np.array([[0.5, 0.5, 1.5], [0.5, 0.5, 1.5 - depth]])
+        ball = RigidTool(SphereShape(0.5), ToolPath(np.arange(2.0), positions))
         problem = Problem(mesh, Material(1e4, nu), held, (), tools=(ball,))
         result = solve_static(problem, degree=2, formulation=form)
         return result.tools[0].forces[-1][2], result.strain_energy

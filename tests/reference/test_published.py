@@ -142,8 +142,8 @@ def membrane(count, thickness, grading=1):
     return Problem(mesh, Material(240.565, 0.499), supports, (shear,))
 
 
-def displacement(problem, found, place):
-    distance = np.linalg.norm(problem.mesh.points - place, axis=1)
+def displacement(problem, found, position):
+    distance = np.linalg.norm(problem.mesh.points - position, axis=1)
     assert distance.min() < 1e-9
     return found.displacement[np.argmin(distance)]
 
@@ -153,7 +153,7 @@ def cubic(count):
     """Mixed, of degree 3, on a mesh graded to all four corners: strain is not bounded at them."""
     problem = membrane(count, 4.0, grading=3)
     found = solve_static(problem, strain=Strain.LINEAR, degree=3, formulation=Formulation.MIXED)
-    return {place: displacement(problem, found, place) for place in (MIDDLE, CORNER)}
+    return {position: displacement(problem, found, position) for position in (MIDDLE, CORNER)}
 
 
 @functools.cache
@@ -172,10 +172,10 @@ def off(found, wanted):
     return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
 
 
-def apart_and_bar(strain, place):
+def apart_and_bar(strain, position):
     """From the cubic answer, and the bar, both over the largest displacement."""
     problem, found = truth(strain)
-    apart = np.linalg.norm(displacement(problem, found, place) - cubic(12)[place])
+    apart = np.linalg.norm(displacement(problem, found, position) - cubic(12)[position])
     largest = np.linalg.norm(found.displacement, axis=1).max()
     return apart / largest, found.bar(Quantity.DISPLACEMENT_MAX)
 

@@ -18,7 +18,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
-from palpate.meshes.files import read_answer
+from palpate.meshes.files import read_result_arrays
 from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
 from palpate.meshes.rigid_tool import BoxShape, ForceDrive, RigidTool, SphereShape, ToolPath
@@ -164,8 +164,10 @@ if COMM.rank == 0:
 def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_path, box):
     mesh = box((4, 1, 1), (0.4, 0.1, 0.1))
 
-    def save(name, shape, places, time=None, drive=None):
-        path = ToolPath(np.linspace(0.0, time.end_time, len(places)) if time else [0.0], places)
+    def save(name, shape, positions, time=None, drive=None):
+        path = ToolPath(
+            np.linspace(0.0, time.end_time, len(positions)) if time else [0.0], positions
+        )
         tool = RigidTool(shape, path, drive=drive)
         held = (support(mesh, "z0"),)
         problem = Problem(mesh, Material(1e4, 0.3, 1e3), held, (), time, tools=(tool,))
@@ -197,7 +199,7 @@ def test_the_command_solves_on_two_ranks_and_writes_once(mpirun, tmp_path):
     done = mpirun(2, *command, "-o", str(path))
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("displacement [m]") == 1
-    assert np.abs(read_answer(path)[2]["displacement"]).max() > 1e-3
+    assert np.abs(read_result_arrays(path)[2]["displacement"]).max() > 1e-3
 
 
 @pytest.mark.nightly  # every collective call waits for the slower rank, and there are thousands
@@ -229,7 +231,7 @@ def test_what_ranks_cannot_share_rank_0_has_solved_apart(mpirun, tmp_path):
         case = ("solve", str(EXAMPLE / "bar.toml"), "--with", "reference", "-o", str(path))
         done = mpirun(n, "-m", "palpate.validation.cli", *case, "--element", "smoothed")
         assert done.returncode == 0, done.stderr
-        found.append(read_answer(path)[2]["displacement"])
+        found.append(read_result_arrays(path)[2]["displacement"])
     assert np.abs(found[0]).max() > 1e-4
     assert np.array_equal(*found)
 
@@ -342,8 +344,8 @@ def test_two_ranks_refine_as_one_does_and_go_on_from_mesh_to_mesh(
     mesh = box((2, 1, 1), (0.2, 0.1, 0.1))
     pull = Traction(mesh.facet_groups["x1"], (300.0, 0.0, -200.0))
     half = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.1).astype(np.int32)
-    places = np.array([[0.13, 0.06, 0.16], [0.13, 0.06, 0.13]])
-    tool = RigidTool(SphereShape(0.06), ToolPath(np.arange(2.0), places))
+    positions = np.array([[0.13, 0.06, 0.16], [0.13, 0.06, 0.13]])
+    tool = RigidTool(SphereShape(0.06), ToolPath(np.arange(2.0), positions))
     problem = Problem(mesh, Material(2e4, 0.3), (support(mesh, "x0"),), (pull,))
     if name == "pressed":
         inside = Inclusion(half, Material(6e4, 0.495))

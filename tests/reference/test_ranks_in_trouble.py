@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="processes are looked for in /proc"),
 ]
 
-# What the command line does, with a task of the test's own in the place of the command.
+# What the command line does, with a task of the test's own instead of the command.
 COMMAND = """
 import ctypes
 import os
@@ -103,7 +103,7 @@ def has_ended(number):
 
 
 @pytest.mark.parametrize(
-    ("trouble", "codes", "told"),
+    ("trouble", "codes", "reported"),
     [
         ("alone", {2}, "rank 1: this rank's own trouble"),
         ("memory", {4}, "rank 1: error code 55"),
@@ -113,7 +113,7 @@ def has_ended(number):
         pytest.param("stuck", {142, 14}, "", marks=pytest.mark.nightly),
     ],
 )
-def test_trouble_of_one_rank_ends_them_all(mpirun, tmp_path, box, trouble, codes, told):
+def test_trouble_of_one_rank_ends_them_all(mpirun, tmp_path, box, trouble, codes, reported):
     mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
     pull = Traction(mesh.facet_groups["x1"], (10.0, 0.0, 0.0))
     save_problem(
@@ -121,7 +121,7 @@ def test_trouble_of_one_rank_ends_them_all(mpirun, tmp_path, box, trouble, codes
     )
     done = mpirun(2, "-c", COMMAND, str(tmp_path), trouble)
     assert done.returncode in codes, (done.returncode, done.stderr)
-    assert told in done.stderr
+    assert reported in done.stderr
     numbers = [int(file.stem) for file in tmp_path.glob("*.pid")]
     assert len(numbers) == 2
     assert all(map(has_ended, numbers))

@@ -34,8 +34,8 @@ EVERY = pytest.mark.parametrize(
 )
 
 
-def plane(mesh, axis, place, **more):
-    facets = side(mesh, axis, place)
+def plane(mesh, axis, position, **more):
+    facets = side(mesh, axis, position)
     normal = [0.0, 0.0, 0.0]
     normal[axis] = 1.0
     return fixed(facets, normal=tuple(normal), **more)
@@ -207,10 +207,10 @@ def test_a_turned_end_is_the_same_in_both(strain, element):
     theirs = solve_static(problem, strain=strain, element=element).displacement
     assert np.abs(ours - theirs).max() < 1e-8 * np.abs(theirs).max()
     support = problem.supports[1]
-    places = problem.mesh.points[support.points]
-    turned = (places - support.rotation.center) @ rotation((1, 0, 0), np.rad2deg(0.6)).T
+    positions = problem.mesh.points[support.points]
+    turned = (positions - support.rotation.center) @ rotation((1, 0, 0), np.rad2deg(0.6)).T
     wanted = turned + support.rotation.center + [0.1, 0.0, 0.0]
-    assert np.abs(places + theirs[support.points] - wanted).max() < 1e-15
+    assert np.abs(positions + theirs[support.points] - wanted).max() < 1e-15
 
 
 def test_a_quarter_turn_is_reached_in_steps_that_turn():
@@ -267,9 +267,9 @@ def spinning(velocity=(0.3, -0.2, 0.1), omega=(3.0, 1.0, -2.0), time=None):
 
 
 def momenta(problem, mass, displacement, velocity):
-    places = problem.mesh.points + displacement
+    positions = problem.mesh.points + displacement
     carried = mass[:, None] * velocity
-    return carried.sum(axis=0), np.cross(places, carried).sum(axis=0)
+    return carried.sum(axis=0), np.cross(positions, carried).sum(axis=0)
 
 
 def test_a_free_body_keeps_its_momenta_and_flies_alike_in_both():

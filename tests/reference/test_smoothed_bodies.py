@@ -109,8 +109,8 @@ def test_tissue_near_incompressibility_locks_linear_and_not_smoothed_tetrahedra(
     truth = solve_static(coarse, degree=2, formulation=Formulation.MIXED).displacement
     assert np.abs(truth).max() > 0.07
     # The points of the coarse mesh are among those of the fine one.
-    place = {tuple(x): k for k, x in enumerate(np.rint(fine.mesh.points * 80.0).astype(int))}
-    at = [place[tuple(x)] for x in np.rint(coarse.mesh.points * 80.0).astype(int)]
+    position = {tuple(x): k for k, x in enumerate(np.rint(fine.mesh.points * 80.0).astype(int))}
+    at = [position[tuple(x)] for x in np.rint(coarse.mesh.points * 80.0).astype(int)]
     errors = {}
     for element in Element:
         apart = solve_static(fine, element=element).displacement[at] - truth

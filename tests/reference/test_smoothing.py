@@ -85,10 +85,10 @@ class ByHand:
         """The derivative of the energy by complex steps: exact to rounding."""
         force = np.zeros_like(u)
         step = 1e-30
-        for place in np.ndindex(u.shape):
+        for position in np.ndindex(u.shape):
             moved = u.astype(complex)
-            moved[place] += 1j * step
-            force[place] = self.energy(moved).imag / step
+            moved[position] += 1j * step
+            force[position] = self.energy(moved).imag / step
         return force
 
 

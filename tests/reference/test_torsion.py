@@ -90,14 +90,14 @@ class Cylinder:
             columns.append(self._along(stress_change(law, H, dH, *self._constants)))
         return np.stack(columns, axis=1)
 
-    def moved(self, places):
+    def moved(self, positions):
         """Displacements of places at rest [m]."""
-        R2 = places[:, 0] ** 2 + places[:, 1] ** 2
-        turn, p = TAU * places[:, 2], self.radius(R2)
+        R2 = positions[:, 0] ** 2 + positions[:, 1] ** 2
+        turn, p = TAU * positions[:, 2], self.radius(R2)
         c, s = np.cos(turn), np.sin(turn)
-        x = p * (c * places[:, 0] - s * places[:, 1])
-        y = p * (s * places[:, 0] + c * places[:, 1])
-        return np.stack([x, y, self.stretch * places[:, 2]], axis=1) - places
+        x = p * (c * positions[:, 0] - s * positions[:, 1])
+        y = p * (s * positions[:, 0] + c * positions[:, 1])
+        return np.stack([x, y, self.stretch * positions[:, 2]], axis=1) - positions
 
     def torque(self):
         """About the axis, through any section [N m]."""
@@ -105,9 +105,9 @@ class Cylinder:
         P = finite_stress(law, self._gradient(c), *self._constants)
         return 2.0 * np.pi * float((self._weights * P[:, 1, 2]) @ (self._r @ c))
 
-    def densities(self, places):
+    def densities(self, positions):
         """W at places across the axis, (n, 2) [J/m3]."""
-        R2 = (places**2).sum(axis=1)
+        R2 = (positions**2).sum(axis=1)
         R, p, slope = np.sqrt(R2), self.radius(R2), self.radius.deriv()(R2)
         H = np.zeros((len(R), 3, 3))
         H[:, 0, 0], H[:, 1, 1], H[:, 1, 2] = p + 2 * R2 * slope - 1, p - 1, TAU * R * p
@@ -134,8 +134,8 @@ def round_bar(rings):
             for k in range(ring):
                 outer, inner = sector * ring + k, sector * (ring - 1) + k
 
-                def on(which, place):
-                    return starts[which] + place % max(6 * which, 1)
+                def on(which, position):
+                    return starts[which] + position % max(6 * which, 1)
 
                 a, b, c = on(ring, outer), on(ring, outer + 1), on(ring - 1, inner)
                 triangles.append((a, b, c))
@@ -171,11 +171,11 @@ def test_the_whole_of_it_is_the_radial_equations_within_the_bar(law):
         held = tuple(Support(np.array([p]), displacement=tuple(moved[p].tolist())) for p in ends)
         state = solve_static(Problem(mesh, cylinder.material, held, ()), degree=1)
         side = np.hypot(*mesh.points[:, :2].T) > 1.0 - 1e-9
-        place = mesh.points + state.displacement
-        radius = np.hypot(*place[side & (np.abs(z - 0.5) < 1e-9), :2].T)
+        position = mesh.points + state.displacement
+        radius = np.hypot(*position[side & (np.abs(z - 0.5) < 1e-9), :2].T)
         force = internal_force(mesh, state.displacement, material=cylinder.material)
         top = z > 1.0 - 1e-9
-        torque = np.cross(place[top], force[top])[:, 2].sum()
+        torque = np.cross(position[top], force[top])[:, 2].sum()
         found.append((1.0 - radius.mean(), state.strain_energy, torque))
     for value, of_meshes in zip(exact, np.array(found).T, strict=True):
         known = assess_grid_convergence(

@@ -54,17 +54,17 @@ def test_a_wrong_example_is_seen() -> None:
 
 
 def test_the_door_is_opened_without_loading_what_is_slow() -> None:
-    told = python(
+    reported = python(
         "import sys, palpate\n"
         "assert not [m for m in sys.modules if m.startswith('palpate.')], 'rooms were loaded'\n"
         "palpate.Problem, palpate.Material, palpate.solve, palpate.judge\n"
         f"print([m for m in {HEAVY} if m in sys.modules])"
     )
-    assert told.stdout.strip() == "[]", told.stdout + told.stderr
+    assert reported.stdout.strip() == "[]", reported.stdout + reported.stderr
 
 
 def test_a_problem_of_plain_data_is_solved_and_judged_where_dolfinx_cannot_be_imported() -> None:
-    told = python(
+    reported = python(
         "import sys\n"
         "for name in ('dolfinx', 'dolfinx_solver', 'ufl', 'petsc4py'):\n"
         "    sys.modules[name] = None\n"
@@ -83,9 +83,9 @@ def test_a_problem_of_plain_data_is_solved_and_judged_where_dolfinx_cannot_be_im
         "    except palpate.ReferenceUnavailableError as error:\n"
         "        print('FEniCSx' in str(error), 'degree 1' in str(error))\n"
     )
-    assert told.stdout.split() == [
+    assert reported.stdout.split() == [
         *("passed", "0.01", "True"), *("True", "False"), *("True", "True"),
-    ], told.stdout + told.stderr  # fmt: skip
+    ], reported.stdout + reported.stderr  # fmt: skip
 
 
 def test_the_names_can_be_listed_and_starred_and_others_are_refused() -> None:

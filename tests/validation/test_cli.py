@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim import _core
-from palpate.meshes.files import read_answer, read_mesh, write_surface
+from palpate.meshes.files import read_mesh, read_result_arrays, write_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Strain
 from palpate.meshes.tri_surface import TriSurface
@@ -95,7 +95,7 @@ def test_mesh_then_solve(palpate_run: Run, tmp_path: Path, write_case: Write) ->
     path = write_case()
     done = palpate_run("solve", path.name, "-o", "u.vtu", "--strain", "linear", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    points, _, fields, _ = read_answer(tmp_path / "u.vtu")
+    points, _, fields, _ = read_result_arrays(tmp_path / "u.vtu")
     assert fields["displacement"].shape == points.shape
     assert np.abs(fields["displacement"]).max() > 0.01
 
@@ -230,8 +230,8 @@ def test_an_extra_says_what_of_it_is_installed(monkeypatch: pytest.MonkeyPatch) 
 
 def test_help_ends_with_the_exit_codes(palpate_run: Run) -> None:
     text = palpate_run("--help").stdout
-    told = [" ".join(line.split()) for line in text[text.index("Exit codes:") :].splitlines()]
-    assert told[1 : 1 + len(ExitCode)] == [f"{int(code)} {code.meaning}" for code in ExitCode]
+    reported = [" ".join(line.split()) for line in text[text.index("Exit codes:") :].splitlines()]
+    assert reported[1 : 1 + len(ExitCode)] == [f"{int(code)} {code.meaning}" for code in ExitCode]
 
 
 def test_a_mistyped_fault_is_told_the_one_that_was_meant(palpate_run: Run) -> None:
@@ -282,13 +282,13 @@ def test_a_self_test_tries_every_fault_on_the_cases_named(palpate_run: Run) -> N
     assert "healthy, column: passed" in done.stderr
     assert "beam" not in done.stdout
     assert "missing-reference" not in done.stdout  # that trial is on another case
-    for words, told in (
+    for words, reported in (
         (["column", "--live"], "takes no --fault, --metamorphic or --live"),
         (["--fault", "softer"], "takes no --fault"),
         (["column", "--quick"], "name the cases, or say one of"),
     ):
         done = palpate_run("gate", "--self-test", *words)
-        assert (done.returncode, told in done.stderr) == (2, True), done.stderr
+        assert (done.returncode, reported in done.stderr) == (2, True), done.stderr
 
 
 def test_a_self_test_needs_the_references_of_its_case(palpate_run: Run, write_case: Write) -> None:

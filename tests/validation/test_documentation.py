@@ -35,9 +35,9 @@ def labelled(text: str) -> set[int]:
 
 def around(words: str) -> str:
     """Head of a file, and what stands near the definition of a name in it."""
-    place = find(words)
-    lines = (ROOT / place.path).read_text("utf-8").splitlines()
-    at = place.first - 1
+    position = find(words)
+    lines = (ROOT / position.path).read_text("utf-8").splitlines()
+    at = position.first - 1
     return "\n".join(lines[:HEAD] + lines[max(0, at - NEAR) : at + NEAR])
 
 
@@ -64,9 +64,9 @@ def test_the_files_name_the_section_where_the_list_says(entry: dict[str, Any]) -
 
 @pytest.mark.parametrize("entry", EQUATIONS + SECTIONS, ids=lambda entry: entry["number"])
 def test_the_tests_on_the_list_exist(entry: dict[str, Any]) -> None:
-    place = find(entry["held_by"])
-    assert place.path.startswith("tests/")
-    assert place.name.startswith("test_")
+    position = find(entry["held_by"])
+    assert position.path.startswith("tests/")
+    assert position.name.startswith("test_")
 
 
 def test_labels_are_read_as_they_are_written() -> None:

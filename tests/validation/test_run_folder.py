@@ -289,7 +289,7 @@ def test_folders_with_more_than_a_run_are_refused(tmp_path, monkeypatch):
     repository = tmp_path / "repository"
     (repository / ".git").mkdir(parents=True)
     (tmp_path / "link").symlink_to(repository)
-    for place, why in (
+    for position, why in (
         (Path(), "current folder"),
         (Path(".."), "current folder"),
         (here, "current folder"),
@@ -299,7 +299,7 @@ def test_folders_with_more_than_a_run_are_refused(tmp_path, monkeypatch):
         (tmp_path / "link", "root of a repository"),
     ):
         with pytest.raises(InputError, match=why):
-            require_run_folder(place)
+            require_run_folder(position)
     monkeypatch.chdir(repository)
     with pytest.raises(InputError, match="home folder"):
         require_run_folder(home)

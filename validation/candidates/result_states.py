@@ -14,7 +14,7 @@ from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.schemes import Steps, read_integrator
 from palpate.validation.exchange.case_folder import case_key
-from palpate.validation.exchange.placement import Placed, place
+from palpate.validation.exchange.placement import Placed, position
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
@@ -41,7 +41,7 @@ def state_of_result(
         raise ResultFileError(
             result.path, "answers another case (its `case_key` differs): run it again"
         )
-    placed = place(result, problem)
+    placed = position(result, problem)
     stated = dict(result.about)
     is_smoothed = stated.get("element") == Element.SMOOTHED
     state = make_state(

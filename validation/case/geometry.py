@@ -213,7 +213,7 @@ def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurf
     """
     labels = {name: name if b.path is None else b.path.name for name, b in bodies.items()}
     found = []
-    for pair, position in zip(error.pairs[:_MOST_NAMED], error.places, strict=False):
+    for pair, position in zip(error.pairs[:_MOST_NAMED], error.positions, strict=False):
         numbers = [
             f"facet {row + _first_number(bodies[name].path)} of {labels[name]}"
             for name, row in zip(error.names, pair, strict=True)

@@ -238,7 +238,7 @@ def _step_lines(
 
     which = "" if is_stated else " (c: speed of pressure waves, Poisson's ratio 0.45)"
     yield f"critical time step {shown(critical.time_step)}{which}, decided by"
-    for cell, step, point in zip(critical.cells, critical.steps, critical.places, strict=True):
+    for cell, step, point in zip(critical.cells, critical.steps, critical.positions, strict=True):
         yield f"  cell {cell} at {_at(point, scale)}: {shown(step)}"
     yield (
         f"  the thinnest facet, at {_at(critical.surface_place, scale)}, allows at most "
@@ -258,7 +258,7 @@ def _verdict_line(critical: CriticalCells, target: float, scale: float, unit: st
     else:
         why = (
             "no facet by itself forbids it, but moved, flipped and inserted inner points came no "
-            f"further near {_at(critical.places[0], scale)} {unit}: use --free, or longer edges"
+            f"further near {_at(critical.positions[0], scale)} {unit}: use --free, or longer edges"
         )
     return f"target step {target:g} s not reached ({critical.time_step:.4g} s): {why}"
 

@@ -474,10 +474,10 @@ def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
     E = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
     return {
         "Lamé's parameters exchanged": (mu, lmbda),
-        "bulk modulus in the place of Lamé's lmbda": (lmbda + 2.0 * mu / 3.0, mu),
-        "mu in the place of 2 mu": (lmbda, 0.5 * mu),
-        "4 mu in the place of 2 mu": (lmbda, 2.0 * mu),
-        "Young's modulus in the place of mu": (lmbda, E),
+        "bulk modulus instead of Lamé's lmbda": (lmbda + 2.0 * mu / 3.0, mu),
+        "mu instead of 2 mu": (lmbda, 0.5 * mu),
+        "4 mu instead of 2 mu": (lmbda, 2.0 * mu),
+        "Young's modulus instead of mu": (lmbda, E),
         "lmbda of plane stress": (2.0 * lmbda * mu / (lmbda + 2.0 * mu), mu),
         "lmbda left out": (0.0 * lmbda, mu),
         "Young's modulus and the shear modulus taken for lmbda and mu": (E, mu),
@@ -493,7 +493,7 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
     if lmbda + mu == 0.0:
         return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
     E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)
-    ratio = f"Poisson's ratio {nu:.6g} in the place of {nu0:.6g}"
+    ratio = f"Poisson's ratio {nu:.6g} instead of {nu0:.6g}"
     if abs(E / E0 - 1.0) <= _SAME:
         return ratio, 2
     factor = snapped(E / E0)

@@ -39,9 +39,9 @@ def feel(body: LiveBody, x: float, y: float) -> float:
     """The force on the probe at the depth, pressed from above a position [N]."""
     (probe,) = body.tools
     above, touching = SIZE[2] + RADIUS + 0.001, SIZE[2] + RADIUS - DEPTH
-    for place in ((*probe.position[:2], above), (x, y, above), (x, y, touching)):
-        way = float(np.linalg.norm(place - probe.position))
-        probe.move_to(place)
+    for goal in ((*probe.position[:2], above), (x, y, above), (x, y, touching)):
+        way = float(np.linalg.norm(goal - probe.position))
+        probe.move_to(goal)
         body.step(1 + round(way / SPEED / body.time_step))
     body.step(round(0.03 / body.time_step))  # come to rest
     body.step(round(0.01 / body.time_step))
@@ -57,9 +57,9 @@ def find_inclusion(problem: palpate.Problem) -> tuple[float, float]:
         for y in (0.012, 0.020, 0.028):
             if (x, y) not in felt and 0.01 < x < SIZE[0] - 0.01:
                 felt[x, y] = feel(body, x, y)
-    places, forces = np.array(list(felt)), np.array(list(felt.values()))
+    positions, forces = np.array(list(felt)), np.array(list(felt.values()))
     weights = np.clip(forces - np.median(forces), 0.0, None) ** 2
-    x, y = weights @ places / weights.sum()
+    x, y = weights @ positions / weights.sum()
     print(f"felt {forces.min():.3f} to {forces.max():.3f} N; hardest at ({x:.3f}, {y:.3f}) m")
     return float(x), float(y)
 

@@ -58,7 +58,7 @@ class Placed:
     cauchy_stress: Floats | None = None
 
 
-def place(result: ResultFile, problem: Problem) -> Placed:
+def position(result: ResultFile, problem: Problem) -> Placed:
     """Bring a result to the case's points.
 
     Raises:

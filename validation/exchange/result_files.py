@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError
-from palpate.meshes.files import MESH_SUFFIXES, read_answer, write_mesh
+from palpate.meshes.files import MESH_SUFFIXES, read_result_arrays, write_mesh
 from palpate.meshes.problem import Problem
 from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.untrusted import (
@@ -243,7 +243,7 @@ def _whole(file: Path, name: str, array: Any) -> NDArray[np.int64]:
 
 
 def _read_vtu(file: Path, most_bytes: int) -> dict[str, Any]:
-    points, cells, fields, of_cells = read_answer(file, most_bytes=most_bytes)
+    points, cells, fields, of_cells = read_result_arrays(file, most_bytes=most_bytes)
     named: dict[str, Any] = {**fields, "points": points}
     if "cauchy_stress" in of_cells:
         named["cauchy_stress"] = of_cells["cauchy_stress"]

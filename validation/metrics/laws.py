@@ -27,8 +27,8 @@ LawOfCells = Callable[[Array, Array, Array], Array]
 OgdenTerms = Sequence[tuple[float, float]]
 
 OTHER_STRAIN = {
-    Strain.GREEN: "linear strain in the place of Green strain",
-    Strain.LINEAR: "Green strain in the place of linear strain",
+    Strain.GREEN: "linear strain instead of Green strain",
+    Strain.LINEAR: "Green strain instead of linear strain",
 }
 _ONE = np.eye(3)
 _STEP = 1e-100
@@ -164,7 +164,7 @@ def laws_instead_of(strain: Strain) -> dict[str, LawOfCells]:
         "tensor shear strain taken for engineering shear: shear stresses halved": sheared(
             strain, 0.5
         ),
-        "second Piola-Kirchhoff stress not pushed forward (P = S in the place of F S)": _without_f,
+        "second Piola-Kirchhoff stress not pushed forward (P = S instead of F S)": _without_f,
         "second Piola-Kirchhoff stress taken for the Cauchy stress": _as_cauchy,
         "displacement gradient transposed": _transposed_gradient,
         "Green strain without its factor 1/2": _half_missing,

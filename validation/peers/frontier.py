@@ -24,7 +24,7 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
-from palpate.validation.exchange.placement import place
+from palpate.validation.exchange.placement import position
 from palpate.validation.peers.registry import read_peers
 from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
 from palpate.validation.references.runs import solve_state
@@ -156,7 +156,7 @@ def _run_peer(
     """Run a simulator; `ours` is fastsim's solution on the same mesh, None for other equations."""
     result, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = result.about
-    placed = place(result, problem)
+    placed = position(result, problem)
     found, mesh, own = placed.displacement[0], problem.mesh, placed.displacement
     if placed.own_mesh is not None and placed.own_displacement is not None:
         mesh, own = placed.own_mesh, placed.own_displacement

@@ -154,7 +154,7 @@ def _whole(problem: Problem) -> TruthRequest:
 
 
 def _parts_of(bars: Bars) -> dict[str, Any]:
-    return as_record({place: of_statics(bar) for place, bar in bars.items()})
+    return as_record({position: of_statics(bar) for position, bar in bars.items()})
 
 
 def solve_live(

@@ -53,15 +53,21 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     size = medium.row
     high = (0.9 + 0.34 * len(rows)) * size
     figure, axes = pyplot.subplots(figsize=(medium.width, high))
-    for place, check in enumerate(reversed(rows)):
+    for position, check in enumerate(reversed(rows)):
         value = max(check.value or 0.0, 1e-17)
         bar = check.reference_error if math.isfinite(check.reference_error) else 0.0
         colour = _COLOUR[check.verdict]
         axes.plot(
-            [value, max(value + bar, value)], [place, place], color=colour, lw=3 * size, alpha=0.4
+            [value, max(value + bar, value)],
+            [position, position],
+            color=colour,
+            lw=3 * size,
+            alpha=0.4,
         )
-        axes.plot(value, place, "o", color=colour, ms=6 * size)
-        axes.plot([check.limit] * 2, [place - 0.32, place + 0.32], color="black", lw=1.6 * size)
+        axes.plot(value, position, "o", color=colour, ms=6 * size)
+        axes.plot(
+            [check.limit] * 2, [position - 0.32, position + 0.32], color="black", lw=1.6 * size
+        )
     names = [c.name for c in reversed(rows)]
     if medium is not PAGE:
         names = [name.replace(" (", "\n(") for name in names]
@@ -92,7 +98,7 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
     size = medium.row
     high = (1.2 + 0.62 * len(budgets)) * size
     figure, axes = pyplot.subplots(figsize=(medium.width, high))
-    for place, budget in enumerate(reversed(budgets)):
+    for position, budget in enumerate(reversed(budgets)):
         scale = (abs(budget.truth) or 1.0) / 100.0
         up = down = 0.0
         rest = "#2f8f4e" if budget.rest == SOLVER else "#6b3fa0"
@@ -102,13 +108,16 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
             start = up if width >= 0.0 else down
             label = name.partition(":")[0]
             axes.barh(
-                place, width, left=start, height=0.5, color=colour,
+                position, width, left=start, height=0.5, color=colour,
                 label=None if label in labelled else label,
             )  # fmt: skip
             labelled.add(label)
             up, down = (up + width, down) if width >= 0.0 else (up, down + width)
         axes.plot(
-            [budget.total / scale] * 2, [place - 0.36, place + 0.36], color="black", lw=2 * size
+            [budget.total / scale] * 2,
+            [position - 0.36, position + 0.36],
+            color="black",
+            lw=2 * size,
         )
     is_page = medium is PAGE
     names = [f"{b.quantity}\n" * is_page + b.candidate for b in reversed(budgets)]
@@ -148,7 +157,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     leading = sorted(references, key=_is_on_mesh) or candidates
     assert leading[0].trajectory is not None
     point, axis = swinging_most(leading[0].trajectory)
-    place = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
+    position = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
     along = ", ".join(f"{round(a, 2) + 0.0:.2f}" for a in axis)
     has_tools = bool(result.problem.tools)
     size, is_page = medium.row, medium is PAGE
@@ -183,7 +192,9 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     below.set_yscale("linear" if true else "log")
     if has_tools:
         panels[2].set_ylabel("force on tool [N]")
-    panels[-1].set_xlabel(f"time [s]{'; ' if is_page else chr(10)}at ({place}) mm along ({along})")
+    panels[-1].set_xlabel(
+        f"time [s]{'; ' if is_page else chr(10)}at ({position}) mm along ({along})"
+    )
     for axes in panels:
         tidy(axes)
         # Lines of forces look like those of displacement: in a column one legend serves both.

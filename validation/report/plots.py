@@ -144,7 +144,7 @@ class Panel:
     title: str = ""
     log: str = ""
     levels: Sequence[float] = ()
-    places: Mapping[float, str] = field(default_factory=dict)
+    positions: Mapping[float, str] = field(default_factory=dict)
     band: tuple[float, float] | None = None
     notes: Sequence[tuple[float, float, str]] = ()
     ticks: Mapping[float, str] | None = None
@@ -175,13 +175,13 @@ def line_figure(
             len(rows), len(rows[0]), figsize=(width, height), squeeze=False
         )
         for row, beside in zip(rows, axes, strict=True):
-            for panel, place in zip(row, beside, strict=True):
-                _draw(place, panel)
+            for panel, position in zip(row, beside, strict=True):
+                _draw(position, panel)
                 if not shares_legend and any(line.label for line in panel.lines):
-                    place.legend(frameon=False, fontsize=8)
+                    position.legend(frameon=False, fontsize=8)
         below = 0.0
         if shares_legend:
-            found = [place.get_legend_handles_labels() for place in axes.flat]
+            found = [position.get_legend_handles_labels() for position in axes.flat]
             labels = {
                 lb: h for handles, words in found for h, lb in zip(handles, words, strict=True)
             }
@@ -210,10 +210,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_yscale("log" if "y" in panel.log else "linear")
     for level in panel.levels:
         axes.axhline(level, color="black", lw=0.8, ls=":")
-    for place, words in panel.places.items():
-        axes.axvline(place, color="black", lw=0.8, ls=":")
+    for position, words in panel.positions.items():
+        axes.axvline(position, color="black", lw=0.8, ls=":")
         axes.text(
-            place, 0.98, words, transform=axes.get_xaxis_transform(), rotation=90,
+            position, 0.98, words, transform=axes.get_xaxis_transform(), rotation=90,
             ha="right", va="top", fontsize=7,
         )  # fmt: skip
     if panel.band is not None:

@@ -155,9 +155,9 @@ def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
 def _explanation(result: CaseResult) -> str:
     """The most probable explanation in short; the diagnosis below states all of it."""
     found = [diagnosis for diagnosis in result.diagnoses if diagnosis.explanations]
-    slips = [d.explanations for d in found if d.explanations[0].complexity > 0]
-    if slips:
-        names = [each.name for each in slips[0]]
+    mistakes = [d.explanations for d in found if d.explanations[0].complexity > 0]
+    if mistakes:
+        names = [each.name for each in mistakes[0]]
         more = f", or {names[1]}" if len(names) > 1 else ""
         return f"{names[0]}{more}"
     if found:
@@ -288,10 +288,10 @@ def _says(result: CaseResult, one: int, other: int) -> str:
         amount = f"wrong everywhere by about {_rough(middle)}"
     else:
         amount = f"wrong by {_rough(low)} to {_rough(high)} depending on where"
-    place = ", ".join(f"{x * _MILLI:.3g}" for x in result.problem.mesh.points[worst])
+    position = ", ".join(f"{x * _MILLI:.3g}" for x in result.problem.mesh.points[worst])
     if len(candidate) > 1:
         amount += " at the worst moment"
-    return f"{amount}, most {_place(result, worst, moved)}, at ({place}) mm"
+    return f"{amount}, most {_place(result, worst, moved)}, at ({position}) mm"
 
 
 def _place(result: CaseResult, point: int, moved: Floats) -> str:

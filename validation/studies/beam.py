@@ -65,14 +65,14 @@ def measure_tip(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
 def middle_line_length(mesh: TetMesh, displacement: Points, stations: int = 25) -> float:
     """Length [m] of the line through the middles of slices along x, as displaced."""
     x = mesh.points[:, 0]
-    places = np.linspace(x.min(), x.max(), stations)
+    positions = np.linspace(x.min(), x.max(), stations)
     middle = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))[1:]
     line = []
-    for place in places:
+    for position in positions:
         # A linear fit over a slice gives the mean section even where points lie unevenly.
-        near = np.abs(x - place) <= 1.5 * (places[1] - places[0])
+        near = np.abs(x - position) <= 1.5 * (positions[1] - positions[0])
         basis = np.column_stack(
-            [np.ones(near.sum()), x[near] - place, mesh.points[near, 1:] - middle]
+            [np.ones(near.sum()), x[near] - position, mesh.points[near, 1:] - middle]
         )
         moved = mesh.points[near] + displacement[near]
         line.append(np.linalg.lstsq(basis, moved, rcond=None)[0][0])

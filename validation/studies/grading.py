@@ -95,8 +95,8 @@ def count_cells(target: str, resolutions: tuple[int, ...] = RESOLUTIONS) -> Grow
             continue
         cube = SymbolicCube()
 
-        def size(places: Points, n: int = n, to: Distance = distance) -> NDArray[np.float64]:
-            return np.maximum(_MEAN_EDGE / n, GROWTH[target] * to(places))
+        def size(positions: Points, n: int = n, to: Distance = distance) -> NDArray[np.float64]:
+            return np.maximum(_MEAN_EDGE / n, GROWTH[target] * to(positions))
 
         cube.refine_to_size(size, max_cells=20_000_000)
         counts.append(cube.num_cells)
@@ -110,7 +110,7 @@ def _count_uniform(n: int) -> int:
     """
     built = min(n, 32)
     cube = SymbolicCube()
-    cube.refine_to_size(lambda places: np.full(len(places), _MEAN_EDGE / built))
+    cube.refine_to_size(lambda positions: np.full(len(positions), _MEAN_EDGE / built))
     return cube.num_cells * round(n / built) ** 3
 
 
@@ -504,7 +504,7 @@ def draw_curves(curves: Curves) -> Figure:
                     y=f"error of the {name} [%]",
                     log="xy",
                     band=(1e-9, 100 * bar),
-                    places={p.cells: "" for p in curves.pair} if what == "cells" else {},
+                    positions={p.cells: "" for p in curves.pair} if what == "cells" else {},
                     y_range=(min(lowest, 100 * bar) / 1.5, None),
                 )
             )

@@ -60,7 +60,7 @@ def sweep_figures(
         panel = Panel(
             lines_of(axes, runs, measure),
             # Where the first value without an answer is.
-            places={run.values[0]: f"no answer, {run.strain}" for run in lost},
+            positions={run.values[0]: f"no answer, {run.strain}" for run in lost},
             x=axes[0].key,
             y=words,
         )
@@ -172,8 +172,8 @@ def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
     for run in runs:
         if run.state is not None or not run.was_tried:
             continue
-        place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, run.values, strict=True))
-        line = f"{run.who}, {run.strain} strain: no answer at {place}: {run.trouble}"
+        position = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, run.values, strict=True))
+        line = f"{run.who}, {run.strain} strain: no solution at {position}: {run.trouble}"
         before = [
             other.values[0]
             for other in runs

@@ -176,14 +176,16 @@ def _put(data: dict[str, Any], key: str, value: float) -> None:
             table[size] = [value * x for x in whole] if isinstance(whole, list) else value * whole
         return
     *way, last = _steps(key)
-    place: Any = data
+    position: Any = data
     for step in way:
-        place = place if isinstance(step, int) and isinstance(place, dict) else place[step]
-    is_count = isinstance(place[last], int) and float(value).is_integer()
-    place[last] = int(value) if is_count else value
+        position = (
+            position if isinstance(step, int) and isinstance(position, dict) else position[step]
+        )
+    is_count = isinstance(position[last], int) and float(value).is_integer()
+    position[last] = int(value) if is_count else value
 
 
-# Workers of a dask scheduler in the place of this machine's threads: an optional extra.
+# Workers of a dask scheduler instead of this machine's threads: an optional extra.
 
 # How long a scheduler has to answer [s].
 _PATIENCE = 10.0
@@ -376,7 +378,7 @@ def solve_row(
         except (CandidateFailedError, ReferenceFailedError) as error:
             runs.append(run(None, units.in_case_units(str(error))))
             if axes[0].is_load:
-                end = f"not tried: no answer at {axes[0].key} = {values[0]:g}"
+                end = f"not tried: no solution at {axes[0].key} = {values[0]:g}"
     return runs
 
 

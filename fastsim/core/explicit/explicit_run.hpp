@@ -61,7 +61,7 @@ class ExplicitRun {
     virtual void set_pressure(std::span<const double> points, std::span<const Index> facets,
                               std::span<const double> pressures,
                               std::span<const Index> histories) = 0;
-    /// Springs over facets (3 points each) in the place of those before: the stiffnesses [N/m]
+    /// Springs over facets (3 points each) instead of those before: the stiffnesses [N/m]
     /// between their corners, 9 for each, and the first of four histories, those of the factor on
     /// the stiffness and of the anchor's displacement [m].
     virtual void set_springs(std::span<const Index> facets, std::span<const double> stiffnesses,

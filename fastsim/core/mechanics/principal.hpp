@@ -33,7 +33,7 @@ struct PrincipalStress {
 PrincipalStress principal_stress(const ElasticCells &body, const Moduli &moduli,
                                  const std::array<double, 3> &strains);
 
-/// Of the sum of the stretches less 3 in the place of an energy.
+/// Of the sum of the stretches less 3 instead of an energy.
 PrincipalStress stretch_sum_rate(const std::array<double, 3> &strains);
 
 /// W [J/m3], 0 at rest.

@@ -163,15 +163,15 @@ def make(kit: Kit) -> None:
         furthest = wp.float64(0.0)
         for point in range(chunk, num_points, num_chunks):
             free = is_free[body, point]
-            place = displacement[body, point]
-            work = wp.dot(external[body, point], wp.cw_mul(free, place - counted[body, point]))
-            counted[body, point] = place
+            position = displacement[body, point]
+            work = wp.dot(external[body, point], wp.cw_mul(free, position - counted[body, point]))
+            counted[body, point] = position
             sum = given[body, point] + wp.abs(work)
             given[body, point] = sum
             total += wp.float64(sum)
             d = double(wp.cw_mul(free, increment[body, point]))
             squared += mass[body, point] * wp.dot(d, d)
-            furthest = wp.max(furthest, wp.float64(wp.max(wp.abs(place))))
+            furthest = wp.max(furthest, wp.float64(wp.max(wp.abs(position))))
         sums[body, chunk] = wp.vec3d(squared, total, furthest)
 
     @kit.kernel

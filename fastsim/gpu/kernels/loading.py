@@ -36,10 +36,10 @@ def make(kit: Kit) -> None:
         last = external[body, point]
         most = wp.max(wp.max(wp.abs(last)), wp.max(wp.abs(total)))
         if wp.max(wp.abs(total - last)) > jump * most:
-            place = displacement[body, point]
-            moved = wp.cw_mul(is_free[body, point], place - counted[body, point])
+            position = displacement[body, point]
+            moved = wp.cw_mul(is_free[body, point], position - counted[body, point])
             given[body, point] = given[body, point] + wp.abs(wp.dot(last, moved))
-            counted[body, point] = place
+            counted[body, point] = position
         external[body, point] = total
 
     @kit.kernel
@@ -52,7 +52,7 @@ def make(kit: Kit) -> None:
         facets: wp.array(dtype=wp.vec3i),
         pressures: wp.array2d(dtype=real),
         histories: wp.array2d(dtype=int),
-        shares: wp.array2d(dtype=vec3),
+        fractions: wp.array2d(dtype=vec3),
     ):
         body, facet = wp.tid()
         if go[body] == 0:
@@ -66,7 +66,7 @@ def make(kit: Kit) -> None:
         factor = real(0.0)
         if histories[body, facet] >= 0:
             factor = factors[body, row[body], histories[body, facet]]
-        shares[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
+        fractions[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
 
     @kit.kernel
     def press_points(
@@ -74,7 +74,7 @@ def make(kit: Kit) -> None:
         pressed: wp.array(dtype=int),
         start: wp.array(dtype=int),
         entries: wp.array(dtype=int),
-        shares: wp.array2d(dtype=vec3),
+        fractions: wp.array2d(dtype=vec3),
         pressure: wp.array2d(dtype=vec3),
         force: wp.array2d(dtype=vec3),
     ):
@@ -83,7 +83,7 @@ def make(kit: Kit) -> None:
             return
         total = vec3()
         for at in range(start[k], start[k + 1]):
-            total += shares[body, entries[at]]
+            total += fractions[body, entries[at]]
         point = pressed[k]
         pressure[body, point] = total
         force[body, point] = force[body, point] - total
@@ -233,9 +233,9 @@ def make(kit: Kit) -> None:
         for s in range(2 * k, 2 * k + 2):
             if histories[body, s] >= 0:
                 n = directions[body, s]
-                place = displacement[body, points[k]]
+                position = displacement[body, points[k]]
                 goal = factors[body, row[body] + 1, histories[body, s]] * values[body, s]
-                displacement[body, points[k]] = place - (wp.dot(n, place) - goal) * n
+                displacement[body, points[k]] = position - (wp.dot(n, position) - goal) * n
 
     @kit.kernel
     def count_pushes(

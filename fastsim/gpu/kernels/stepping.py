@@ -37,12 +37,14 @@ def make(kit: Kit) -> None:
             return
         push = external[body, point] - force[body, point]
         ahead = keep[body] * increment[body, point] + wp.cw_mul(mobility[body, point], push)
-        place = displacement[body, point] + ahead
+        position = displacement[body, point] + ahead
         increment[body, point] = ahead
-        displacement[body, point] = place
+        displacement[body, point] = position
         # NaN counts as out of bounds: the comparison is false for it.
         if not (
-            wp.abs(place[0]) <= limit and wp.abs(place[1]) <= limit and wp.abs(place[2]) <= limit
+            wp.abs(position[0]) <= limit
+            and wp.abs(position[1]) <= limit
+            and wp.abs(position[2]) <= limit
         ):
             outside[body] = 1
 

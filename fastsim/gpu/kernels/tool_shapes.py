@@ -27,22 +27,22 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
         return side
 
     @kit.func
-    def ball(place: vec3d, radius: f64, fallback: vec3d):
-        r = wp.length(place)
+    def ball(position: vec3d, radius: f64, fallback: vec3d):
+        r = wp.length(position)
         n = fallback
         if r > f64(0.0):
-            n = place / r
+            n = position / r
         return vec4d(n[0], n[1], n[2], r - radius)
 
     @kit.func
-    def box_gap(half: vec3d, place: vec3d):
+    def box_gap(half: vec3d, position: vec3d):
         beyond = vec3d()
         outside = vec3d()
         num_outside = 0
         for i in range(3):
-            beyond[i] = wp.abs(place[i]) - half[i]
+            beyond[i] = wp.abs(position[i]) - half[i]
             if beyond[i] > f64(0.0):
-                outside[i] = side_of(place[i]) * beyond[i]
+                outside[i] = side_of(position[i]) * beyond[i]
                 num_outside += 1
         nearest = 0
         if beyond[1] > beyond[0]:
@@ -51,24 +51,24 @@ def make_shapes(kit: Kit) -> tuple[Any, Any]:
             nearest = 2
         found = vec4d()
         if num_outside < 2:
-            found[nearest] = side_of(place[nearest])
+            found[nearest] = side_of(position[nearest])
             found[3] = beyond[nearest]
         else:
             found = ball(outside, f64(0.0), vec3d(f64(0.0), f64(0.0), f64(1.0)))
         return found
 
     @kit.func
-    def gap_of(shape: int, size: vec3d, place: vec3d):
+    def gap_of(shape: int, size: vec3d, position: vec3d):
         z_axis = vec3d(f64(0.0), f64(0.0), f64(1.0))
-        found = vec4d(f64(0.0), f64(0.0), f64(1.0), place[2])
+        found = vec4d(f64(0.0), f64(0.0), f64(1.0), position[2])
         if shape == is_sphere:
-            found = ball(place, size[0], z_axis)
+            found = ball(position, size[0], z_axis)
         elif shape == is_capsule:
-            z = wp.clamp(place[2], -size[1], size[1])
+            z = wp.clamp(position[2], -size[1], size[1])
             x_axis = vec3d(f64(1.0), f64(0.0), f64(0.0))
-            found = ball(vec3d(place[0], place[1], place[2] - z), size[0], x_axis)
+            found = ball(vec3d(position[0], position[1], position[2] - z), size[0], x_axis)
         elif shape == is_box:
-            found = box_gap(size, place)
+            found = box_gap(size, position)
         return found
 
     @kit.func

@@ -58,8 +58,8 @@ def make(kit: Kit) -> None:
         )
 
     @kit.func
-    def gap_at(tool: Tool, origin: vec3d, turn: mat33d, place: vec3d, begin: vec3d, known: int):
-        own = wp.transpose(turn) * (place - origin)
+    def gap_at(tool: Tool, origin: vec3d, turn: mat33d, position: vec3d, begin: vec3d, known: int):
+        own = wp.transpose(turn) * (position - origin)
         found = gap_on_way(tool.shape, tool.size, own, begin, known)
         n = turn * vec3d(found[0], found[1], found[2])
         return wp.vec4d(n[0], n[1], n[2], found[3])
@@ -157,7 +157,7 @@ def make(kit: Kit) -> None:
         next_origin = origin_of(next, tool, offset + increments[body, number])
         now_turn = rotation_of(now)
         next_turn = rotation_of(next)
-        place = rest[point] + double(displacement[body, point])
+        position = rest[point] + double(displacement[body, point])
         d = increment[body, point]
         acting[body, at] = vec3d()
         vertex_moments[body, at] = vec3d()
@@ -169,7 +169,7 @@ def make(kit: Kit) -> None:
                 own_half = vec3d(tool.size[0], tool.size[0], tool.size[0])
             if tool.shape == 1:
                 own_half = vec3d(tool.size[0], tool.size[0], tool.size[0] + tool.size[1])
-            arm = place - now_origin
+            arm = position - now_origin
             for i in range(3):
                 reach = tool.reach
                 for j in range(3):
@@ -179,7 +179,7 @@ def make(kit: Kit) -> None:
         way = begins[body, at]
         known = is_known[body, at]
         if tool.shape == 2:
-            own = wp.transpose(now_turn) * (place - now_origin)
+            own = wp.transpose(now_turn) * (position - now_origin)
             begins[body, at] = way_from(tool.size, own, way, known)
             is_known[body, at] = 1
         mobile = double(mobility[body, point])
@@ -191,31 +191,31 @@ def make(kit: Kit) -> None:
         if tool.is_constraint != 0:
             new_way = begins[body, at]
             new_known = is_known[body, at]
-            gap = gap_at(tool, next_origin, next_turn, place + ahead, new_way, new_known)
+            gap = gap_at(tool, next_origin, next_turn, position + ahead, new_way, new_known)
             extremes[body, at] = vec2d(gap[3], f64(wp.max(wp.abs(d))))
             if not gap[3] < f64(0.0):
                 return
             normal = vec3d(gap[0], gap[1], gap[2])
             f = constraint_force(
-                tool, next_origin, next_turn, place + ahead, mobile, gap, new_way, new_known
+                tool, next_origin, next_turn, position + ahead, mobile, gap, new_way, new_known
             )
         else:
-            gap = gap_at(tool, now_origin, now_turn, place, way, known)
+            gap = gap_at(tool, now_origin, now_turn, position, way, known)
             extremes[body, at] = vec2d(gap[3], f64(wp.max(wp.abs(d))))
             if not gap[3] < f64(0.0):
                 return
             normal = vec3d(gap[0], gap[1], gap[2])
             f = (-gap[3] * stiffness[body, at]) * normal
         if tool.friction > f64(0.0):
-            end = place + ahead + wp.cw_mul(mobile, f)
+            end = position + ahead + wp.cw_mul(mobile, f)
             came = now_origin + now_turn * (wp.transpose(next_turn) * (end - next_origin))
-            f = f + friction_force(tool.friction, came - place, mobile, f, normal)
+            f = f + friction_force(tool.friction, came - position, mobile, f, normal)
         rounded = vec3(real(f[0]), real(f[1]), real(f[2]))
         force[body, point] = force[body, point] - rounded
         touch[body, point] = touch[body, point] + rounded
         acts = double(rounded)
         acting[body, at] = -acts
-        vertex_moments[body, at] = -wp.cross(place - now_origin, acts)
+        vertex_moments[body, at] = -wp.cross(position - now_origin, acts)
 
     @kit.kernel
     def sum_touch_chunks(

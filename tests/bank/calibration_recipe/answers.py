@@ -50,7 +50,7 @@ def answer_of(mesh: TetMesh, exact: Field, strain: Strain, origin: str, doubt: f
     return Answer(replace(state, volume=float(volume), surface_area=float(area)), doubts, exact)
 
 
-def told(
+def reported(
     mesh: TetMesh,
     displacement: Points,
     sizes: tuple[float, float],
@@ -77,9 +77,9 @@ def _sizes(mesh: TetMesh, exact: Field, cuts: int) -> tuple[float, float]:
         for j in range(n - i - 1)
     ]
     weights = np.column_stack([n - rows.sum(axis=1), rows]) / n
-    places = np.einsum("wa,fai->fwi", weights, mesh.points[mesh.boundary_facets])
-    flat = places.reshape(-1, 3)
-    moved = (flat + exact(flat)).reshape(places.shape)[:, np.array(pieces)].reshape(-1, 3, 3)
+    positions = np.einsum("wa,fai->fwi", weights, mesh.points[mesh.boundary_facets])
+    flat = positions.reshape(-1, 3)
+    moved = (flat + exact(flat)).reshape(positions.shape)[:, np.array(pieces)].reshape(-1, 3, 3)
     a, b, c = moved.transpose(1, 0, 2)
     volume = np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0
     return float(volume), float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)

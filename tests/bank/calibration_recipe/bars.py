@@ -64,14 +64,14 @@ def column_problem(
         else (Inclusion(np.flatnonzero(outer).astype(np.int32), Material(stiffer, nu, 1.0)),),
     )
 
-    def exact(places: Points) -> Points:
-        x, of = np.unique(np.append(places[:, 0], 0.5 * _LENGTH), return_inverse=True)
+    def exact(positions: Points) -> Points:
+        x, of = np.unique(np.append(positions[:, 0], 0.5 * _LENGTH), return_inverse=True)
         start = np.append(0.0, x[:-1])
         inside = start[:, None] + (x - start)[:, None] * 0.5 * (1.0 + _GAUSS[0])
         load = end + weight * (1.0 - inside / _LENGTH)
         load = np.where(inside > 0.5 * _LENGTH, load / stiffer, load)
         steps = 0.5 * (x - start) * ((_stretch(load) - 1.0) @ _GAUSS[1])
-        u = np.zeros_like(places)
+        u = np.zeros_like(positions)
         u[:, 0] = np.cumsum(steps)[of.ravel()[:-1]]
         return u
 
@@ -121,9 +121,9 @@ def motion_problem(
     base = Support(np.unique(side(mesh, 0, 0.0)), side(mesh, 0, 0.0), displacement=moved,
                    amplitude=rise if drive == "shake" else None)  # fmt: skip
     walls = rollers(mesh, ((2, 0.0), (2, width)))
-    for place in (0.0, width):
+    for position in (0.0, width):
         holds = (axis == 1, axis == 0, False)
-        walls += (held(side(mesh, 1, place), holds),)
+        walls += (held(side(mesh, 1, position), holds),)
     loads: tuple[BodyForce | Traction, ...] = ()
     if drive == "weight":
         loads = (BodyForce(along, rise),)

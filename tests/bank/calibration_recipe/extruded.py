@@ -19,7 +19,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration_recipe.answers import Answer, told
+from calibration_recipe.answers import Answer, reported
 from calibration_recipe.plane import (
     Plane,
     PlaneLoads,
@@ -187,7 +187,7 @@ def _answer(
     ):
         scale = size_of_change(sizes[-1], rest)
         doubts[metric] = _left((np.abs(np.diff(sizes)) / scale).tolist())
-    return told(mesh, np.insert(moved, 1, 0.0, axis=1), (volume, surface_area), strain, doubts)
+    return reported(mesh, np.insert(moved, 1, 0.0, axis=1), (volume, surface_area), strain, doubts)
 
 
 def _left(steps: Sequence[float]) -> float:

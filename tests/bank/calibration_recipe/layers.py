@@ -94,13 +94,13 @@ class _Series:
         # Constants of the two ends differ in size by e^(k H): each decays from its own.
         self._constants = np.linalg.solve(system, right[..., None])[..., 0]
 
-    def __call__(self, places: Points) -> Points:
-        u = np.zeros_like(places)
-        u[:, 2] = self._mean * places[:, 2]
-        heights, level = np.unique(np.round(places[:, 2], 12), return_inverse=True)
+    def __call__(self, positions: Points) -> Points:
+        u = np.zeros_like(positions)
+        u[:, 2] = self._mean * positions[:, 2]
+        heights, level = np.unique(np.round(positions[:, 2], 12), return_inverse=True)
         for row, z in enumerate(heights):
             at = np.flatnonzero(level.ravel() == row)
-            along, of = np.unique(np.round(places[at, 0], 12), return_inverse=True)
+            along, of = np.unique(np.round(positions[at, 0], 12), return_inverse=True)
             U, W, _, _ = self._modes(np.full(1, z))
             angle = np.outer(along, self._k)
             u[at, 0] += (np.sin(angle) @ np.einsum("mq,mq->m", U[:, 0], self._constants))[of]

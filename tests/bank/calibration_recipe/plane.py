@@ -47,13 +47,13 @@ class Section:
         x: Lines of the grid, rising; every corner of the outline lies on one.
         z: Likewise.
         is_solid: Which bricks are there, shape (len(x) - 1, len(z) - 1).
-        place: From the grid to the rest places [m], (..., 2) for (..., 2); bilinear.
+        position: From the grid to the rest places [m], (..., 2) for (..., 2); bilinear.
     """
 
     x: Floats
     z: Floats
     is_solid: NDArray[np.bool_]
-    place: Callable[[Floats], Floats]
+    position: Callable[[Floats], Floats]
 
 
 def graded(lines: Floats, layers: int) -> Floats:
@@ -79,13 +79,13 @@ def lobatto(degree: int) -> Floats:
     return np.concatenate([[-1.0], np.sort(inside.real), [1.0]])
 
 
-def lagrange(nodes: Floats, places: Floats) -> tuple[Floats, Floats]:
+def lagrange(nodes: Floats, positions: Floats) -> tuple[Floats, Floats]:
     """Polynomials that are one at one node, and their slopes; shape (places, nodes)."""
     legendre, degree = np.polynomial.legendre, len(nodes) - 1
     back = np.linalg.inv(legendre.legvander(nodes, degree))  # type: ignore[no-untyped-call]
     rate = legendre.legder(back)  # type: ignore[no-untyped-call]
-    value = legendre.legvander(places, degree) @ back  # type: ignore[no-untyped-call]
-    slope = legendre.legvander(places, degree - 1) @ rate  # type: ignore[no-untyped-call]
+    value = legendre.legvander(positions, degree) @ back  # type: ignore[no-untyped-call]
+    slope = legendre.legvander(positions, degree - 1) @ rate  # type: ignore[no-untyped-call]
     return value, slope
 
 
@@ -193,7 +193,7 @@ class Plane:
             for a in (self.x, self.z)
         ]
         self.grid = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
-        self.places = section.place(self.grid)
+        self.positions = section.position(self.grid)
         # Column and row of each element, and its nodes.
         at = np.argwhere(solid)
         number = np.arange(len(self.grid)).reshape(len(along[0]), len(along[1]))
@@ -210,9 +210,9 @@ class Plane:
         around, (c, r) = np.pad(solid, 1), at.T + 1
         self.free = {"near": ~around[c - 1, r], "far": ~around[c + 1, r],
                      "under": ~around[c, r - 1], "top": ~around[c, r + 1]}  # fmt: skip
-        self.is_held = np.zeros(self.grid.shape, dtype=bool)
+        self.is_fixed = np.zeros(self.grid.shape, dtype=bool)
         for name in loads.held:
-            self.is_held[self._side(name)] = True
+            self.is_fixed[self._side(name)] = True
 
     def solve(self, start: Floats | None = None) -> Floats:
         """Displacement at the nodes [m], shape (nodes, 2).
@@ -223,7 +223,7 @@ class Plane:
         Raises:
             PlaneNotConvergedError: No equilibrium was found.
         """
-        u, factor, step = np.zeros_like(self.places), 0.0, 1.0
+        u, factor, step = np.zeros_like(self.positions), 0.0, 1.0
         smallest = _SMALLEST_STEP
         if start is not None:
             u, smallest = start, 1.0
@@ -250,7 +250,7 @@ class Plane:
 
     def sizes(self, u: Floats) -> tuple[float, float]:
         """Area inside the deformed outline [m2] and its length [m]."""
-        moved = (self.places + u)[self.elements]
+        moved = (self.positions + u)[self.elements]
         t = np.einsum("aqn,enc->eqac", self.rise, moved)
         area = float(np.sum(np.linalg.det(t) * self.weight))
         length = 0.0
@@ -269,7 +269,7 @@ class Plane:
             jump = np.zeros_like(u)
             for name, given in self.loads.held.items():
                 side = self._side(name)
-                jump[side] = given(self.places[side], factor) - u[side]
+                jump[side] = given(self.positions[side], factor) - u[side]
             change = self._step(u, jump, factor)
             size = float(np.abs(change).max()) / max(float(np.abs(u + change).max()), 1e-30)
             if not np.isfinite(size):
@@ -287,7 +287,7 @@ class Plane:
 
     def _gradient(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """H = du/dX, the inverse of the map from the reference square, and volumes of points."""
-        t = np.einsum("aqn,enc->eqca", self.rise, self.places[self.elements])
+        t = np.einsum("aqn,enc->eqca", self.rise, self.positions[self.elements])
         back = np.linalg.inv(t)
         H = np.einsum("aqn,eni->eqia", self.rise, u[self.elements]) @ back
         return H, back, np.linalg.det(t) * self.weight
@@ -300,7 +300,7 @@ class Plane:
         np.add.at(right, of, r - np.einsum("eij,ej->ei", K, jump.ravel()[of]))
         rows, columns = np.broadcast_arrays(of[:, :, None], of[:, None, :])
         whole = coo_matrix((K.ravel(), (rows.ravel(), columns.ravel())), shape=(u.size, u.size))
-        free = np.setdiff1d(of, np.flatnonzero(self.is_held))
+        free = np.setdiff1d(of, np.flatnonzero(self.is_fixed))
         A = whole.tocsc()[free][:, free]
         change = jump.ravel().copy()
         change[free] = spsolve(A, right[free], permc_spec="MMD_AT_PLUS_A")
@@ -333,7 +333,7 @@ class Plane:
             nodes = self.edges[name]
             for e in np.flatnonzero(self.on[name]):
                 of = self.elements[e, nodes]
-                t = self.slope @ self.places[of]
+                t = self.slope @ self.positions[of]
                 if name in self.loads.tractions:
                     on = self.value.T @ (self.edge_weight * np.hypot(*t.T))
                     r[e, nodes] += factor * np.outer(on, self.loads.tractions[name])

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration_recipe.answers import Answer, told
+from calibration_recipe.answers import Answer, reported
 from calibration_recipe.shapes import BAR_THICKNESS, shape_mesh
 from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, Traction
@@ -72,7 +72,7 @@ def kept_answer(name: str, problem: Problem, strain: Strain) -> Answer | None:
     if displacement.shape != problem.mesh.points.shape:
         raise ValueError(f"{name}: the kept answer has {len(displacement)} points; find it again")
     doubts = dict(zip(WHOLE_BODY_METRICS, numbers[2:], strict=True))
-    return told(problem.mesh, displacement, (numbers[0], numbers[1]), strain, doubts)
+    return reported(problem.mesh, displacement, (numbers[0], numbers[1]), strain, doubts)
 
 
 def find_answer(name: str, problem: Problem, strain: Strain) -> None:

@@ -200,32 +200,32 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
     problem, folder = sprung(), tmp_path / "kept"
     forces = np.ones((len(condense(problem).touched), 3)) * 1e-2
 
-    def told(**options: Any) -> tuple[CondensedModel, str]:
+    def reported(**options: Any) -> tuple[CondensedModel, str]:
         lines: list[str] = []
         model = condense_once(folder, problem, progress=lines.append, **options)
         return model, " ".join(lines)
 
-    first, said = told(keep_inside=True)
+    first, said = reported(keep_inside=True)
     assert "kept for the next time" in said
-    again, said = told(keep_inside=True)
+    again, said = reported(keep_inside=True)
     assert "condensed before" in said
     assert "condensing" not in said
     assert np.array_equal(again.whole_displacement(forces), first.whole_displacement(forces))
     # Another key asks for another file; a corrupted file is made anew.
-    told(precision=CompliancePrecision.SINGLE)
+    reported(precision=CompliancePrecision.SINGLE)
     assert len(list(folder.iterdir())) == 2
     for file in folder.iterdir():
         fields = dict(np.load(file))
         np.savez(file, **{**fields, "blocks": fields["blocks"][:-1]})
-    again, said = told(keep_inside=True)
+    again, said = reported(keep_inside=True)
     assert "no condensed model (blocks is of shape" in said
     assert np.array_equal(again.displacement(forces), first.displacement(forces))
     (tmp_path / "file").write_text("")
     with pytest.raises(FileFormatError, match="is no folder for condensed models"):
         condense_once(tmp_path / "file", problem)
     # A stored model without its inside is not used where the inside is needed.
-    told(element=Element.SMOOTHED)
-    model, said = told(element=Element.SMOOTHED, keep_inside=True)
+    reported(element=Element.SMOOTHED)
+    model, said = reported(element=Element.SMOOTHED, keep_inside=True)
     assert "kept for the next time" in said
     assert model.inside is not None
 

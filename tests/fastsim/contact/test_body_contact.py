@@ -126,8 +126,8 @@ def test_two_bodies_bounce(
     eps = 2.0**-23 if precision is Precision.SINGLE else 2.0**-52
     momentum = (mass * (run.velocity - speed)).sum(axis=0)
     assert np.abs(momentum).max() < run.num_steps * eps * 64.0
-    places = mesh.points + run.displacements[-1]
-    moment = np.cross(places, mass * run.velocity) - np.cross(mesh.points, mass * speed)
+    positions = mesh.points + run.displacements[-1]
+    moment = np.cross(positions, mass * run.velocity) - np.cross(mesh.points, mass * speed)
     assert np.abs(moment.sum(axis=0)).max() < 10 * run.num_steps * eps * 16.0
     # Equal masses change their speeds, but for what is left ringing.
     after = [float((mass * run.velocity)[p, 2].sum() / mass[p].sum()) for p in (~upper, upper)]

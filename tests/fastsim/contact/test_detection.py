@@ -41,11 +41,11 @@ def test_moving_bodies_step_by_step(seed: int, name: str) -> None:
     rng = np.random.default_rng(seed)
     body = {"box": BOX, "graded": GRADED}[name]
     detector = VertexCellDetector(body, BALL)
-    place, speed = rng.uniform(-0.5, 1.5, 3), rng.uniform(-0.3, 0.3, 3)
+    position, speed = rng.uniform(-0.5, 1.5, 3), rng.uniform(-0.3, 0.3, 3)
     for _ in range(6):
-        place = place + speed
+        position = position + speed
         squeeze = 1.0 + rng.uniform(-0.3, 0.3, 3)
-        there = BALL.points * squeeze + place
+        there = BALL.points * squeeze + position
         here = body.points + 0.05 * rng.standard_normal(3) + 0.02 * np.sin(7.0 * body.points)
         require_equal(detector.find(here, there), detector.find_by_brute_force(here, there))
 

@@ -37,9 +37,11 @@ def plate_on_a_column(force: float) -> Problem:
     return Problem(mesh, Material(1000.0, 0.0), (held,), (), tools=(tool,))
 
 
-def ball_on_a_slab(force: float, place: tuple[float, float, float] = (24.0, 17.0, 34.0)) -> Problem:
+def ball_on_a_slab(
+    force: float, position: tuple[float, float, float] = (24.0, 17.0, 34.0)
+) -> Problem:
     drive = ForceDrive(DOWN, force, ALWAYS, mass=1.0)
-    tool = RigidTool(SphereShape(0.012), ToolPath([0.0], [1e-3 * np.array(place)]), drive=drive)
+    tool = RigidTool(SphereShape(0.012), ToolPath([0.0], [1e-3 * np.array(position)]), drive=drive)
     return dataclasses.replace(load_case("press").problem, tools=(tool,))
 
 

@@ -16,7 +16,7 @@ from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.supports import HeldPoints
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
@@ -103,7 +103,7 @@ def test_equilibrium_and_complementarity(slab: TetMesh, strain: Strain, form: Co
     found = solve_contact(problem, strain=strain, law=ContactLaw(form))
     u = found.displacements[-1]
     internal = Body(slab, SOFT, strain).internal_force(u)
-    free = HeldPoints(problem).is_free.astype(bool)
+    free = FixedPoints(problem).is_free.astype(bool)
     contact = ToolContact(problem, SPHERE)
     gaps = contact.gaps(u, poses_at(SPHERE.path, np.array([2.0]))[0])
     push = np.where(free, internal, 0.0)

@@ -38,9 +38,9 @@ def block_on_a_plane(friction: float) -> Problem:
 
 
 def drawn_ball(friction: float) -> Problem:
-    places = 1e-3 * np.array(SPHERE)
-    turns = np.array([TURNED[0]] * (len(places) - 1) + [TURNED[1]])
-    path = ToolPath(np.arange(len(places)), places, turns)
+    positions = 1e-3 * np.array(SPHERE)
+    turns = np.array([TURNED[0]] * (len(positions) - 1) + [TURNED[1]])
+    path = ToolPath(np.arange(len(positions)), positions, turns)
     tool = RigidTool(SphereShape(0.012), path, friction)
     return dataclasses.replace(load_case("press").problem, tools=(tool,))
 

@@ -30,7 +30,7 @@ SHAPES: list[ToolShape] = [
 ALL = pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 
 
-def places(count: int = 400) -> Points:
+def positions(count: int = 400) -> Points:
     return np.random.default_rng(3).uniform(-1.5, 1.5, (count, 3))
 
 
@@ -39,7 +39,7 @@ def gaps(shape: ToolShape, where: Points, pose: np.ndarray = AT_ORIGIN) -> Gaps:
 
 
 def test_closed_forms() -> None:
-    x = places()
+    x = positions()
     assert np.allclose(
         gaps(SphereShape(0.7), x).distances, np.linalg.norm(x, axis=1) - 0.7, rtol=0, atol=8 * EPS
     )
@@ -58,7 +58,7 @@ def test_closed_forms() -> None:
 
 @ALL
 def test_normal_and_curvature_are_the_derivatives(shape: ToolShape) -> None:
-    x, step = places(), 1e-5
+    x, step = positions(), 1e-5
     at = gaps(shape, x)
     slope = np.empty_like(x)
     bend = np.empty((len(x), 3, 3))
@@ -87,7 +87,7 @@ def test_normal_and_curvature_are_the_derivatives(shape: ToolShape) -> None:
 
 
 def test_a_closed_surface_is_the_box_it_was_made_of() -> None:
-    x = places()
+    x = positions()
     box = gaps(BoxShape((0.3, 0.5, 0.8)), x)
     surface = shape_box((0.6, 1.0, 1.6), edge_length=0.4)
     middle = 0.5 * (surface.points.min(axis=0) + surface.points.max(axis=0))
@@ -127,7 +127,7 @@ def test_a_pose_moves_the_distance_along(shape: ToolShape) -> None:
     )
     pose = poses_at(path, np.array([0.6]))[0]
     turn = pose["rotation"]
-    x = places()
+    x = positions()
     own, moved = gaps(shape, x), gaps(shape, x @ turn.T + pose["position"], pose)
     assert np.abs(own.distances - moved.distances).max() < 32 * EPS
     straight = np.abs(own.normals @ turn.T - moved.normals).max(axis=1)

@@ -96,8 +96,8 @@ def deviation(one: TriSurface, other: TriSurface) -> float:
 
 
 def _samples(surface: TriSurface) -> Points:
-    shares = [(i, k, _PARTS - i - k) for i in range(_PARTS + 1) for k in range(_PARTS + 1 - i)]
-    weights = np.array(shares) / _PARTS
+    fractions = [(i, k, _PARTS - i - k) for i in range(_PARTS + 1) for k in range(_PARTS + 1 - i)]
+    weights = np.array(fractions) / _PARTS
     positions: Points = np.einsum("sk,fkx->fsx", weights, surface.points[surface.facets])
     return positions.reshape(-1, 3)
 
@@ -157,7 +157,7 @@ def _is_in_mesh(positions: Points, points: Points, cells: Indices) -> NDArray[np
     locator = vtkStaticCellLocator()
     locator.SetDataSet(grid)
     locator.BuildLocator()
-    return np.array([locator.FindCell(place) >= 0 for place in positions.tolist()])
+    return np.array([locator.FindCell(position) >= 0 for position in positions.tolist()])
 
 
 def _is_within(positions: Points, surface: TriSurface) -> NDArray[np.bool_]:

@@ -24,8 +24,8 @@ TO_CORNER = grow_with_distance(distance_to_points(CORNER), smallest=0.01, growth
 
 def test_sampled_sizes_are_those_of_the_field() -> None:
     sizes = sample_sizes(TO_CORNER, LOW, HIGH, largest=0.3, max_cells=10**6)
-    places = np.random.default_rng(3).uniform(LOW, HIGH, (2000, 3))
-    asked, found = np.minimum(TO_CORNER(places), 0.3), sizes.at(places)
+    positions = np.random.default_rng(3).uniform(LOW, HIGH, (2000, 3))
+    asked, found = np.minimum(TO_CORNER(positions), 0.3), sizes.at(positions)
     # A cube is no larger than the size in it, which grows by 0.4 over a length; half its diagonal.
     assert np.abs(found / asked - 1.0).max() < 0.4 * np.sqrt(3.0)
     assert abs(np.log(found / asked).mean()) < 0.1
@@ -49,8 +49,8 @@ def test_fields_that_ask_for_nonsense_or_too_much_are_refused() -> None:
 @pytest.mark.parametrize("boundary", list(Boundary))
 def test_a_mesh_follows_the_field(boundary: Boundary) -> None:
     box = shape_box((1.0, 0.7, 0.5), edge_length=0.2)
-    place = CORNER if boundary is Boundary.FREE else 0.5 * CORNER
-    field = grow_with_distance(distance_to_points(place), smallest=0.01, growth=0.4)
+    position = CORNER if boundary is Boundary.FREE else 0.5 * CORNER
+    field = grow_with_distance(distance_to_points(position), smallest=0.01, growth=0.4)
     reports: list[MeshingReport] = []
     mesh = mesh_surface(
         box,

@@ -38,18 +38,18 @@ def test_no_edge_is_longer_than_asked_and_far_ones_are_not_needlessly_short() ->
 
 def test_distances_are_those_of_brute_force() -> None:
     rng = np.random.default_rng(0)
-    places = rng.uniform(-1.0, 2.0, (40, 3))
+    positions = rng.uniform(-1.0, 2.0, (40, 3))
     ball = shape_sphere(1.0, edge_length=0.4)
     # Dense samples of each facet bound its distance from above, within their spacing.
     share = rng.dirichlet([1, 1, 1], 400)
     samples = np.einsum("sk,fkx->fsx", share, ball.points[ball.facets]).reshape(-1, 3)
-    brute = np.min(np.linalg.norm(places[:, None] - samples[None], axis=2), axis=1)
-    exact = distance_to_facets(ball)(places)
+    brute = np.min(np.linalg.norm(positions[:, None] - samples[None], axis=2), axis=1)
+    exact = distance_to_facets(ball)(positions)
     assert np.all(exact <= brute + 1e-15)
     assert np.all(exact > brute - 0.05)
     assert distance_to_facets(ball)(ball.points) == pytest.approx(0.0, abs=1e-15)
-    assert distance_to_ball([0, 0, 0], 1.0)(places) == pytest.approx(
-        np.maximum(np.linalg.norm(places, axis=1) - 1.0, 0.0)
+    assert distance_to_ball([0, 0, 0], 1.0)(positions) == pytest.approx(
+        np.maximum(np.linalg.norm(positions, axis=1) - 1.0, 0.0)
     )
 
 

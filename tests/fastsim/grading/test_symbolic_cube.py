@@ -22,9 +22,9 @@ def refined(seed: int, rounds: int) -> SymbolicCube:
     rng = np.random.default_rng(seed)
     cube = SymbolicCube()
     for _ in range(rounds):
-        place = rng.random(3)
+        position = rng.random(3)
         middle = cube.corners.mean(axis=1)
-        cube.refine(np.linalg.norm(middle - place, axis=1) < 0.4)
+        cube.refine(np.linalg.norm(middle - position, axis=1) < 0.4)
     return cube
 
 
@@ -35,10 +35,10 @@ def test_the_same_cells_as_by_bisection_of_marked_tetrahedra(seed: int, rounds: 
     cube = SymbolicCube()
     graded = GradedMesh(cube.mesh)
     for _ in range(rounds):
-        place = rng.random(3)
-        cube.refine(np.linalg.norm(cube.corners.mean(axis=1) - place, axis=1) < 0.35)
+        position = rng.random(3)
+        cube.refine(np.linalg.norm(cube.corners.mean(axis=1) - position, axis=1) < 0.35)
         middle = graded.points[graded.cells].mean(axis=1)
-        graded.refine(np.linalg.norm(middle - place, axis=1) < 0.35)
+        graded.refine(np.linalg.norm(middle - position, axis=1) < 0.35)
     assert as_sets(cube.corners) == as_sets(graded.points[graded.cells])
 
 
@@ -98,11 +98,11 @@ def test_three_generations_cut_the_cube_in_eight_alike() -> None:
 def test_cells_grow_as_the_square_when_graded_to_a_surface() -> None:
     """Section V: O(n^3) cells become O(n^2); the exponents of the last three of n = 8 to 128."""
 
-    def to_face(places):  # type: ignore[no-untyped-def]
-        return places[:, 2]
+    def to_face(positions):  # type: ignore[no-untyped-def]
+        return positions[:, 2]
 
-    def to_boundary(places):  # type: ignore[no-untyped-def]
-        return np.minimum(places, 1.0 - places).min(axis=1)
+    def to_boundary(positions):  # type: ignore[no-untyped-def]
+        return np.minimum(positions, 1.0 - positions).min(axis=1)
 
     n = np.array([8, 16, 32, 64, 128])
     for distance in (to_face, to_boundary):
@@ -111,7 +111,9 @@ def test_cells_grow_as_the_square_when_graded_to_a_surface() -> None:
             cube = SymbolicCube()
             # Kuhn's cells on cubes of side 1/n have a mean edge of 1.2624 / n.
             cube.refine_to_size(
-                lambda places, k=k, distance=distance: np.maximum(1.27 / k, 2.0 * distance(places))
+                lambda positions, k=k, distance=distance: np.maximum(
+                    1.27 / k, 2.0 * distance(positions)
+                )
             )
             counts.append(cube.num_cells)
         exponent = np.polyfit(np.log(n[-3:]), np.log(counts[-3:]), 1)[0]
@@ -123,7 +125,7 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="marks"):
         cube.refine(np.ones(5, dtype=bool))
     with pytest.raises(TooManyCellsError):
-        cube.refine_to_size(lambda places: np.full(len(places), 0.01), max_cells=1000)
+        cube.refine_to_size(lambda positions: np.full(len(positions), 0.01), max_cells=1000)
 
     def shrink_one_cell() -> None:
         for _ in range(50):

@@ -199,11 +199,11 @@ def cubes(filled: NDArray[np.bool_], rng: np.random.Generator, ragged: float) ->
                 corner = at + way * step
                 quad = [corner, corner + u, corner + u + v, corner + v]
                 quads.append(quad if way else quad[::-1])
-    places, number = np.unique(np.array(quads).reshape(-1, 3), axis=0, return_inverse=True)
+    positions, number = np.unique(np.array(quads).reshape(-1, 3), axis=0, return_inverse=True)
     facets = []
     for a, b, c, d in number.reshape(-1, 4):
         facets += [(a, b, c), (a, c, d)] if rng.random() < 0.5 else [(a, b, d), (b, c, d)]
-    points = places + ragged * rng.uniform(-1, 1, places.shape)
+    points = positions + ragged * rng.uniform(-1, 1, positions.shape)
     return outward(points, np.array(facets))
 
 

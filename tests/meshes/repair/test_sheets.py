@@ -128,10 +128,10 @@ def test_fins_and_copies_are_removed_and_what_they_stood_on_stays() -> None:
 def test_crumbs_are_told_and_dropped_by_choice() -> None:
     crumb = shape_sphere(0.02, edge_length=0.01)
     spoiled = beside((2.0, 0.5, 0.5), crumb)
-    kept, told = repair_surface(spoiled)
+    kept, reported = repair_surface(spoiled)
     assert kept.num_facets == spoiled.num_facets
-    assert told.small_parts == pytest.approx([0.04], rel=0.01)
-    assert "small loose part(s) kept" in " ".join(told.lines())
+    assert reported.small_parts == pytest.approx([0.04], rel=0.01)
+    assert "small loose part(s) kept" in " ".join(reported.lines())
     dropped, report = repair_surface(spoiled, smallest_shell=0.1)
     assert dropped.num_facets == BOX.num_facets
     assert report.loose_facets == list(range(BOX.num_facets, spoiled.num_facets))

@@ -65,10 +65,10 @@ def test_a_hole_of_several_facets_is_closed_and_a_large_one_is_left_and_told() -
     require_closed(repaired)
     assert len(report.filled_holes[0]) == len(apex)
     assert report.unused_points == [0]
-    left, told = repair_surface(torn, largest_hole=len(apex) - 1)
-    assert len(told.open_holes) == 1
+    left, reported = repair_surface(torn, largest_hole=len(apex) - 1)
+    assert len(reported.open_holes) == 1
     assert left.num_facets == torn.num_facets
-    assert "left open" in " ".join(told.lines())
+    assert "left open" in " ".join(reported.lines())
     with pytest.raises(OpenSurfaceError):
         require_closed(left)
 

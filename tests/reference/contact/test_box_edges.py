@@ -59,13 +59,13 @@ def test_who_slides_off_a_face_goes_to_the_one_round_the_edge_and_only_once() ->
     beyond = np.array([[0.31, 0.0, -0.5], [0.0, 0.0, -0.5], [0.31, 0.0, -0.5]])
     pressed = np.array([True, True, False])
     # Before, all are held against the bottom, those beyond its edge too.
-    is_held, gap, normal = faces.planes(beyond)
-    assert is_held.all()
+    is_fixed, gap, normal = faces.planes(beyond)
+    assert is_fixed.all()
     np.testing.assert_allclose(gap, 0.0, atol=1e-15)
     np.testing.assert_array_equal(normal, np.tile([0.0, 0.0, -1.0], (3, 1)))
     off, again = faces.let_go(beyond, pressed)
     assert (off.tolist(), again) == ([True, False, False], False)
-    is_held, gap, normal = faces.planes(beyond)
+    is_fixed, gap, normal = faces.planes(beyond)
     np.testing.assert_array_equal(normal[:, 0], [1.0, 0.0, 0.0])
     assert gap[0] == pytest.approx(0.01)
     off, again = faces.let_go(beyond, pressed)
@@ -141,7 +141,7 @@ def test_nodes_that_the_body_bulges_past_the_edge_slide_off_it(box, strain) -> N
     (felt,) = found.tools
     assert felt.penetrations[-1] < 1e-8
     assert felt.active_areas[-1] < 9.0 / 16.0
-    places = mesh.points + found.displacement
-    top = places[mesh.points[:, 2] == 1.0]
+    positions = mesh.points + found.displacement
+    top = positions[mesh.points[:, 2] == 1.0]
     beyond = np.maximum(np.abs(top[:, :2] - 0.5).max(axis=1) - half, (1.0 - depth) - top[:, 2])
     assert beyond.min() > -1e-8

@@ -35,9 +35,9 @@ DOWN = (0.0, 1.0, 0.0, 0.0)  # half a turn about x: the tool's +z looks down
 LYING = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # a quarter turn about y: along x
 
 
-def pressed(shape, heights, place=(0.5, 0.5), rotation=DOWN, **more):
+def pressed(shape, heights, position=(0.5, 0.5), rotation=DOWN, **more):
     """A tool that goes down along z, one knot for each height."""
-    knots = np.array([[*place, z] for z in heights])
+    knots = np.array([[*position, z] for z in heights])
     turns = np.tile(rotation, (len(knots), 1))
     return RigidTool(shape, ToolPath(np.arange(len(knots)) * 1.0, knots, turns), **more)
 
@@ -218,8 +218,8 @@ def test_what_is_not_modelled_is_refused(box):
 def test_a_large_ball_that_barely_touches_settles_at_the_digits_of_its_place() -> None:
     """Gaps of 1e-5 m beside a radius of 0.1 m: their last digits are 3e-10 of the force."""
     mesh = brick_box((4, 4, 3), (8e-3, 8e-3, 6e-3))
-    places = np.array([[0.0, 0.0, 0.106], [0.0, 0.0, 0.10599]])
-    path = ToolPath(np.arange(2.0), places)
+    positions = np.array([[0.0, 0.0, 0.106], [0.0, 0.0, 0.10599]])
+    path = ToolPath(np.arange(2.0), positions)
     ball = RigidTool(SphereShape(0.1), path, contact_facets=side(mesh, 2, 6e-3))
     supports = bricks.rollers(mesh, ((0, 0.0), (1, 0.0), (2, 0.0)))
     problem = Problem(mesh, Material(5e3, 0.3), supports, (), tools=(ball,))

@@ -28,13 +28,13 @@ QUATERNION = np.array([0.8, 0.2, -0.4, 0.4])
 ROTATION = rotation_matrix(QUATERNION / np.linalg.norm(QUATERNION))
 
 
-def places(count=400):
+def positions(count=400):
     return POSITION + np.random.default_rng(3).uniform(-1.0, 1.0, (count, 3))
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_a_step_of_the_gap_against_the_normal_ends_on_the_surface(shape):
-    x = places()
+    x = positions()
     found = tool_distance(shape, POSITION, ROTATION, x)
     assert (found.gap < 0.0).any()
     assert (found.gap > 0.0).any()
@@ -45,7 +45,7 @@ def test_a_step_of_the_gap_against_the_normal_ends_on_the_surface(shape):
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_normal_and_curvature_are_the_derivatives(shape):
-    x, h = places(), 1e-6
+    x, h = positions(), 1e-6
     found = tool_distance(shape, POSITION, ROTATION, x)
     for axis in range(3):
         step = h * np.eye(3)[axis]
@@ -109,4 +109,4 @@ def test_a_surface_with_a_hole_is_refused():
     whole = shape_sphere(0.1, edge_length=0.05)
     holed = SurfaceShape(TriSurface(whole.points, whole.facets[1:]))
     with pytest.raises(OpenSurfaceError):
-        tool_distance(holed, POSITION, ROTATION, places(3))
+        tool_distance(holed, POSITION, ROTATION, positions(3))

@@ -97,7 +97,7 @@ def test_the_self_test_catches_every_spoiled_reference(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(self_test, "TRIALS", ((Fault.SOFTER, "block"),))
     monkeypatch.setattr(self_test, "metric_table", lambda *_arguments: [])
-    told = {c.metric: c.message for c in self_test.run_self_test(lambda _line: None).checks}
+    reported = {c.metric: c.message for c in self_test.run_self_test(lambda _line: None).checks}
     for word, why in (
         ("missing-reference", "no stored reference"),
         ("stale-reference", "is stale"),
@@ -105,8 +105,8 @@ def test_the_self_test_catches_every_spoiled_reference(monkeypatch: pytest.Monke
         ("altered-reference", "was altered"),
         ("unhashed-reference", "has no hash"),
     ):
-        assert told[f"{word} on block"].startswith("exit 2: ")
-        assert why in told[f"{word} on block"]
+        assert reported[f"{word} on block"].startswith("exit 2: ")
+        assert why in reported[f"{word} on block"]
 
 
 def test_a_gate_that_sees_nothing_fails_the_self_test(monkeypatch: pytest.MonkeyPatch) -> None:

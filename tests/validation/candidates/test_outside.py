@@ -140,9 +140,9 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 1, done.stdout + done.stderr
     # The case has checks of linear strain too: this result has none.
     assert "skipped" in done.stdout
-    from palpate.meshes.files import read_answer
+    from palpate.meshes.files import read_result_arrays
 
-    points, _, fields, _ = read_answer(solved)
+    points, _, fields, _ = read_result_arrays(solved)
     for factor, name in ((1000.0, "unit"), (np.nan, "nan"), (0.98, "soft")):
         np.savez(tmp_path / f"{name}.npz", displacement=factor * fields["displacement"])
         spoiled = tmp_path / f"{name}.json"

@@ -62,7 +62,7 @@ def check(metric, *lines):
     return CHECK, f"\n[[check]]\n{text}\n{CHECK}"
 
 
-# What was written in the place of what, and the key or word that was meant.
+# What was written instead of what, and the key or word that was meant.
 MEANT = [
     ("title =", "titel =", "title"),
     ('"displacement_l2"', '"displacment_l2"', "displacement_l2"),

@@ -79,12 +79,12 @@ def test_a_limit_holds_the_supports_as_well(solved, tmp_path, command_line, caps
         write_mesh(path, problem.mesh, point_data={"displacement": moved})
         capsys.readouterr()
         assert command_line(*judged) == 1
-        told = json.loads(numbers.read_text())
-        assert told["relative_residual_norm"] < 1e-6
-        assert told["support_gap"] == pytest.approx(shift)
+        reported = json.loads(numbers.read_text())
+        assert reported["relative_residual_norm"] < 1e-6
+        assert reported["support_gap"] == pytest.approx(shift)
         gap = shift / np.linalg.norm(moved, axis=1).max()
-        assert told["relative_support_gap"] == pytest.approx(gap)
-        assert len(told["failures"]) == 1
+        assert reported["relative_support_gap"] == pytest.approx(gap)
+        assert len(reported["failures"]) == 1
         assert "failed: supports missed by" in capsys.readouterr().out
 
 

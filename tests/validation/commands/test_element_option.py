@@ -31,18 +31,18 @@ def test_the_gate_judges_the_element_that_is_asked_for(command_line, tmp_path, e
 
 
 def test_what_is_solved_with_an_element_is_judged_as_such(command_line, tmp_path):
-    told = tmp_path / "told.json"
+    reported = tmp_path / "told.json"
     for kind in ("npz", "vtu"):
         answer = tmp_path / f"mine.{kind}"
         assert command_line("solve", "block", "--element", "smoothed", "-o", answer) == 0
         # .npz says it by itself; .vtu cannot.
         says = () if kind == "npz" else ("--element", "smoothed")
-        command_line("compare", "block", answer, "--json", told, *says)
-        passed = {c["verdict"] for c in written(told)[0]["checks"]
+        command_line("compare", "block", answer, "--json", reported, *says)
+        passed = {c["verdict"] for c in written(reported)[0]["checks"]
                   if (c["against"], c["strain"]) == ("same_mesh", "green")}  # fmt: skip
         assert passed == {"passed"}
-    command_line("compare", "block", tmp_path / "mine.vtu", "--json", told)
-    assert "failed" in on_same_mesh(written(told)[0])
+    command_line("compare", "block", tmp_path / "mine.vtu", "--json", reported)
+    assert "failed" in on_same_mesh(written(reported)[0])
 
 
 def test_another_simulator_says_its_element_itself(command_line, capsys):

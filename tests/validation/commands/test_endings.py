@@ -71,10 +71,10 @@ def test_a_signal_ends_the_simulator_and_leaves_nothing(tmp_path: Path, name: st
         wait_until(ready.exists)
         assert len(group_members(scratch)) == 4  # palpate, supervisor, simulator, its child
         process.send_signal(number)
-        _, told = process.communicate()
-    assert process.returncode == 128 + number, told
-    assert "stopped; nothing half-written was left" in told
-    assert "Traceback" not in told
+        _, reported = process.communicate()
+    assert process.returncode == 128 + number, reported
+    assert "stopped; nothing half-written was left" in reported
+    assert "Traceback" not in reported
     assert group_members(scratch) == []
     assert list(scratch.iterdir()) == []
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mysim.py", "ready", "scratch"]
@@ -173,6 +173,6 @@ def test_an_end_of_file_inside_is_no_ctrl_c(
         error = typer.Abort()
         error.__cause__ = cause
         assert end_of(error) == code
-    told = capsys.readouterr().err
-    assert "internal error: EOFError: no more data" in told
-    assert "stopped" in told
+    reported = capsys.readouterr().err
+    assert "internal error: EOFError: no more data" in reported
+    assert "stopped" in reported

@@ -42,20 +42,20 @@ def build_anew(name="block"):
     case = load_case(name)
     found, _ = read_reference(accepted_path(name))
     states = {
-        place: dataclasses.replace(
+        position: dataclasses.replace(
             s,
             displacement=(1.0 + 1e-9) * s.displacement,
             max_displacement=(1.0 + 1e-9) * s.max_displacement,
         )
         if s.label == TRUTH
         else s
-        for place, s in found.states.items()
+        for position, s in found.states.items()
     }
     bars = {**found.bars, ("volume", Strain.GREEN): 1.01 * found.bars["volume", Strain.GREEN]}
     # Of its record of meshes nothing is kept: the wider bar does not follow from it.
-    told = {"date": "2026-01-01"}
-    changed = dataclasses.replace(found, states=states, bars=bars, provenance=told)
-    store(name, case.problem, changed, told, path=pending_path(name))
+    reported = {"date": "2026-01-01"}
+    changed = dataclasses.replace(found, states=states, bars=bars, provenance=reported)
+    store(name, case.problem, changed, reported, path=pending_path(name))
     return case
 
 
@@ -97,14 +97,14 @@ def test_references_of_ones_own_case_are_kept_beside_it(
 @pytest.mark.usefixtures("folder")
 def test_nothing_is_used_before_it_is_accepted(command_line, capsys):
     case = build_anew()
-    place = ("volume", Strain.GREEN)
-    before = load_stored("block", case.problem).bars[place]
+    position = ("volume", Strain.GREEN)
+    before = load_stored("block", case.problem).bars[position]
     assert command_line("reference", "accept", "block", "--reason", " ") == 2
-    assert load_stored("block", case.problem).bars[place] == before
+    assert load_stored("block", case.problem).bars[position] == before
     reason = ("--reason", "wider, and that is right", "--by", "a tester")
     assert command_line("reference", "accept", "block", *reason) == 0
     after = load_stored("block", case.problem)
-    assert after.bars[place] == 1.01 * before
+    assert after.bars[position] == 1.01 * before
     accepted = after.provenance["accepted"]
     assert (accepted["by"], accepted["reason"]) == ("a tester", "wider, and that is right")
     line = next(x for x in accepted["changes"] if "refined, green strain, max_displacement" in x)
@@ -150,9 +150,9 @@ def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, command_line, c
     else:
         halve_displacements(path)
     assert command_line("reference", "check", "beam", "block", "kidney") == 2
-    told = capsys.readouterr()
-    assert "kidney:" in told.out
-    assert "palpate reference build block" in told.err
+    reported = capsys.readouterr()
+    assert "kidney:" in reported.out
+    assert "palpate reference build block" in reported.err
     assert command_line("gate", "block") == 2
 
 
@@ -174,9 +174,9 @@ def test_the_quick_gate_passes_on_stored_references_alone(command_line, monkeypa
     monkeypatch.setattr(availability, "is_available", lambda: False)
     assert set(QUICK) <= set(builtin_cases())
     assert command_line("gate", "--quick") == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     for name in QUICK:
-        assert f"{name}: passed" in told
+        assert f"{name}: passed" in reported
 
 
 def test_a_gate_wants_its_cases_said_once(command_line):

@@ -14,7 +14,7 @@ import pytest
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.files import read_answer
+from palpate.meshes.files import read_result_arrays
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.runs import solve_reference, solve_state
@@ -24,9 +24,9 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 def verdicts(palpate_run: Run, case: str, result: Path, folder: Path) -> set[str]:
     """Of the checks on the same mesh."""
-    told = folder / "judged.json"
-    palpate_run("compare", case, result, "--json", told)
-    checks = json.loads(told.read_text("utf-8"))["cases"][0]["checks"]
+    reported = folder / "judged.json"
+    palpate_run("compare", case, result, "--json", reported)
+    checks = json.loads(reported.read_text("utf-8"))["cases"][0]["checks"]
     return {c["verdict"] for c in checks if c["against"] == "same_mesh" and c["strain"] == "green"}
 
 
@@ -62,7 +62,7 @@ def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(
     for path in (written, moving):
         done = palpate_run("solve", "block-motion", "--with", "reference", "-o", path)
         assert done.returncode == 0, done.stderr
-    found = read_answer(written)[2]["displacement"]
+    found = read_result_arrays(written)[2]["displacement"]
     with np.load(moving) as stored:
         np.testing.assert_array_equal(found, stored["displacement"][-1])
         assert stored["times"][-1] == 0.5

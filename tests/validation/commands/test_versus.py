@@ -40,9 +40,9 @@ def test_the_difference_is_a_part_of_the_second_answer() -> None:
     assert checked(result, "displacement_max").verdict is Verdict.FAILED
     assert result.verdict is Verdict.FAILED
     # What nobody set a limit for is told, and decides nothing.
-    told = checked(result, "strain_energy")
-    assert told.verdict is Verdict.SKIPPED
-    assert told.value > 0.01
+    reported = checked(result, "strain_energy")
+    assert reported.verdict is Verdict.SKIPPED
+    assert reported.value > 0.01
 
 
 def test_the_cases_own_limits_on_the_same_mesh_are_taken_where_none_is_given() -> None:

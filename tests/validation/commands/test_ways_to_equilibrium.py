@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.meshes.files import read_answer
+from palpate.meshes.files import read_result_arrays
 
 MOVING = palpate.TimeSpan(end_time=0.1, num_outputs=2)
 
@@ -24,7 +24,7 @@ def solve_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def written(path: Path) -> np.ndarray:
-    displacement: np.ndarray = read_answer(path)[2]["displacement"]
+    displacement: np.ndarray = read_result_arrays(path)[2]["displacement"]
     return displacement
 
 

@@ -98,11 +98,11 @@ def test_of_many_cases_those_that_it_cannot_be_asked_are_left_out_with_the_reaso
 
 def test_where_none_can_be_asked_that_is_said():
     cases = [palpate.load_case("block-motion"), palpate.load_case("wave")]
-    told = []
+    reported = []
     with pytest.raises(palpate.InputError, match="none of these cases"):
-        suitable_cases(cases, [condensed_candidate()], told.append)
-    assert "no check for linear strain" in told[0]
-    assert "has no inertia" in told[1]
+        suitable_cases(cases, [condensed_candidate()], reported.append)
+    assert "no check for linear strain" in reported[0]
+    assert "has no inertia" in reported[1]
 
 
 def test_a_folder_keeps_the_model_from_run_to_run(command_line, monkeypatch, tmp_path, capsys):

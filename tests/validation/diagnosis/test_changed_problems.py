@@ -73,7 +73,7 @@ def test_poissons_ratio_is_found_where_no_force_says_how_stiff_the_body_is():
     )
     asked = Problem(mesh, Material(1e4, 0.4), supports, ())
     other = replace(asked, material=Material(1e4, 0.3))
-    assert name_of(asked, other) == "Poisson's ratio 0.3 in the place of 0.4"
+    assert name_of(asked, other) == "Poisson's ratio 0.3 instead of 0.4"
     stiffer = solved(replace(asked, material=Material(2e4, 0.4)))
     same = diagnose(asked, state_of(asked, stiffer.displacement), None)
     assert [e.cause for e in same.explanations] == [Cause.AGREES]
@@ -110,7 +110,7 @@ def test_a_traction_shared_equally_between_its_points(problem):
                 Law.NEO_HOOKEAN_ISOCHORIC,
             )
         ),
-        ({"poissons_ratio": 0.35}, "Poisson's ratio 0.35 in the place of 0.3"),
+        ({"poissons_ratio": 0.35}, "Poisson's ratio 0.35 instead of 0.3"),
         ({}, "the stated equations are kept on this mesh"),
     ],
 )

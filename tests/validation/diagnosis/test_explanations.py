@@ -174,14 +174,14 @@ def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> 
     assert diagnosis.explanations == ()
     assert "No time step is known" in str(diagnosis)
     # Unless the candidate says what it took.
-    told = dataclasses.replace(
+    reported = dataclasses.replace(
         answers.of("block-motion", "softer"), says={"time_step": given.time.time_step}
     )
-    assert "stiffness 0.98 times" in name_of(diagnose(unknown, told, None))
+    assert "stiffness 0.98 times" in name_of(diagnose(unknown, reported, None))
     # A step that cannot be is no step.
     for claim in (1e-310, float("inf"), float("nan"), -1.0, "1e-4", [1e-4]):
-        told = dataclasses.replace(told, says={"time_step": claim})
-        assert "mechanical mistakes were not tried" in str(diagnose(unknown, told, None))
+        reported = dataclasses.replace(reported, says={"time_step": claim})
+        assert "mechanical mistakes were not tried" in str(diagnose(unknown, reported, None))
 
 
 def test_a_motion_of_too_many_steps_says_that_nothing_was_tried() -> None:

@@ -30,7 +30,7 @@ OF_ORDER = {
 }
 # Slips of the problem: the body balances by other equations.
 OF_PROBLEM = {
-    "other-strain": "linear strain in the place of Green strain",
+    "other-strain": "linear strain instead of Green strain",
     "engineering-shear": "engineering shear strain taken for tensor shear: shear stresses doubled",
     "not-pushed-forward": "second Piola-Kirchhoff stress not pushed forward (P = S in the place "
     "of F S)",
@@ -47,7 +47,7 @@ OF_PROBLEM = {
     # 1 / 0.98 = 1.02041
     "loads-98": "stiffness 1.02041 times what was asked, or every load 0.98 times what was asked",
     # 0.4 + 0.03
-    "poisson": "Poisson's ratio 0.43 in the place of 0.4",
+    "poisson": "Poisson's ratio 0.43 instead of 0.4",
     "swapped-lame": "Lamé's parameters exchanged",
     # lmbda + 2 mu = 10 kPa 0.6 / (1.4 0.2) = 21429 Pa, and mu = 10 kPa / 2.8 = 3571 Pa more.
     "orthotropic": "the law is not isotropic: C11 25000 Pa where 21429 Pa was asked",
@@ -65,7 +65,7 @@ OF_MOTION = {
     "semi-implicit": "semi-implicit Euler steps",
     "one-output-late": "time shifted: 1 output late",
     "half-step": "a time step 2 times shorter",
-    "other-strain": "linear strain in the place of Green strain",
+    "other-strain": "linear strain instead of Green strain",
     "softer": "stiffness 0.98 times what was asked",
 }
 
@@ -168,9 +168,9 @@ def test_an_answer_that_is_spoiled_at_one_point_is_placed(
     answers: Any, reference: Callable[[str], State]
 ) -> None:
     problem = case_of("block").problem
-    told = diagnose(problem, answers.of("block", "corner"), reference("block")).hint
+    reported = diagnose(problem, answers.of("block", "corner"), reference("block")).hint
     # The corner (40, 25, 20) mm and the points that share a cell with it.
-    assert "hold but at 4 of 44 points, about (37.5, 21.8" in told
+    assert "hold but at 4 of 44 points, about (37.5, 21.8" in reported
 
 
 @pytest.mark.parametrize("case", ["block", "block-motion"])
@@ -199,7 +199,7 @@ def test_green_strain_in_the_place_of_linear_strain_is_named(answers: Any) -> No
     other = states[SAME_MESH, Strain.GREEN]
     for reference in (states[SAME_MESH, Strain.LINEAR], None):
         diagnosis = diagnose(problem, state, reference, other_strain=other)
-        assert named(diagnosis) == "Green strain in the place of linear strain"
+        assert named(diagnosis) == "Green strain instead of linear strain"
 
 
 def test_what_a_linear_case_cannot_tell_apart_is_listed(answers: Any) -> None:

@@ -10,7 +10,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.placement import place
+from palpate.validation.exchange.placement import position
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.states import CandidateFailedError
 
@@ -21,7 +21,7 @@ def npz(folder, **arrays):
 
 
 def placed(path, problem):
-    return place(read_result(path), problem).displacement[-1]
+    return position(read_result(path), problem).displacement[-1]
 
 
 def shuffled(problem):
@@ -70,9 +70,9 @@ def test_a_csv_with_ids_or_places_gives_the_same(tmp_path, problem, answer):
     path = tmp_path / "r.csv"
     np.savetxt(path, table, "%.17g", ",", header="original_id,ux,uy,uz", comments="")
     np.testing.assert_array_equal(placed(path, problem), answer)
-    places = problem.mesh.points[order]
+    positions = problem.mesh.points[order]
     np.savetxt(
-        path, np.column_stack([places, places + answer[order]]), "%.17g", ",",
+        path, np.column_stack([positions, positions + answer[order]]), "%.17g", ",",
         header="x,y,z,px,py,pz", comments="",
     )  # fmt: skip
     np.testing.assert_allclose(placed(path, problem), answer, rtol=0.0, atol=1e-14)
@@ -186,7 +186,7 @@ def sent(folder, problem, points, cells, displacement=None):
     """The result `points @ SLOPE`, or another, on these points and cells."""
     field = points @ SLOPE if displacement is None else displacement
     np.savez(folder / "r.npz", displacement=field, points=points, cells=cells)
-    return place(read_result(folder / "r.npz"), problem)
+    return position(read_result(folder / "r.npz"), problem)
 
 
 def require_unharmed(found, problem, own):

@@ -107,7 +107,7 @@ def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
         (Fault.UNIT_ERROR, "explained: displacement in millimetres"),
         (
             Fault.LINEAR_INSTEAD_OF_GREEN,
-            "explained: linear strain in the place of Green strain",
+            "explained: linear strain instead of Green strain",
         ),
         (Fault.MIRRORED_MESH, UNEXPLAINED),
     ],
@@ -195,7 +195,7 @@ def test_discretisation_is_what_meshes_without_the_reference_find(
     truth = references_of(name).truth(Strain.GREEN)
     assert truth is not None
     problem, probe = problem_of(name), farthest_probe(truth.displacement)
-    place = problem.mesh.points[probe.point]
+    position = problem.mesh.points[probe.point]
     # Three meshes of linear tetrahedra, extrapolated: neither the truth's degree nor, for the
     # beam, anything of its mesh.
     start = on_bricks(name, (24, 3, 3), tmp_path) if name == "beam" else problem
@@ -203,7 +203,7 @@ def test_discretisation_is_what_meshes_without_the_reference_find(
     sequence.append(refine_problem(sequence[1]))
     values = []
     for each in reversed(sequence):
-        point = int(np.linalg.norm(each.mesh.points - place, axis=1).argmin())
+        point = int(np.linalg.norm(each.mesh.points - position, axis=1).argmin())
         values.append(float(solve_static(each).displacement[point] @ probe.direction))
     limit = assess_grid_convergence(values, (1.0, 2.0, 4.0), expected_order=2.0).extrapolated
     assert limit is not None

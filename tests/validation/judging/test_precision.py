@@ -108,13 +108,13 @@ def steps_in_single(problem, strain):
     forces, span = SingleForces(problem, strain), problem.time
     dt, half = np.float32(span.time_step), np.float32(0.5 * span.mass_damping * span.time_step)
     mass = lumped_mass(problem).astype(np.float32)[:, None]
-    is_held, steps = fixed_components(problem)[0] == 1, steps_per_output(problem)
+    is_fixed, steps = fixed_components(problem)[0] == 1, steps_per_output(problem)
     now = np.zeros(problem.mesh.points.shape, dtype=np.float32)
-    before = np.where(is_held, now, dt * dt / 2 * forces(now) / mass)
+    before = np.where(is_fixed, now, dt * dt / 2 * forces(now) / mass)
     found = [now]
     for step in range(steps * span.num_outputs):
         ahead = (dt * dt * forces(now) / mass + 2 * now - (1 - half) * before) / (1 + half)
-        now, before = np.where(is_held, np.float32(0), ahead), now
+        now, before = np.where(is_fixed, np.float32(0), ahead), now
         if (step + 1) % steps == 0:
             found.append(now)
     return np.array(found, dtype=np.float64)

@@ -139,11 +139,11 @@ def as_truth(case: Case, state: State, label: str) -> State:
     assert stresses is not None
     F = np.diag([A, 1.0, 1.0]) if state.strain is GREEN else np.eye(3)
     P = F @ stresses.second_piola_kirchhoff
-    told = CellStresses(stresses.second_piola_kirchhoff, stresses.cauchy, P)
+    reported = CellStresses(stresses.second_piola_kirchhoff, stresses.cauchy, P)
     spec = case.checks[0].model_copy(update={"metric": "published_energy", "component": None})
     energy = number_of(spec, case.problem, state, case.spec.units)
     assert energy is not None
-    integrals = stress_integrals(case.problem.mesh, told, energy.value)
+    integrals = stress_integrals(case.problem.mesh, reported, energy.value)
     assert integrals is not None
     return dataclasses.replace(
         state, label=label, simulator="reference", degree=2, integrals=integrals, stresses=None
@@ -244,8 +244,8 @@ def test_a_files_truth_tells_the_energy(tmp_path: Path):
 @pytest.mark.parametrize("strain", Strain)
 def test_the_force_of_a_plate(tmp_path: Path, strain: Strain):
     pressed = forms(strain)[0][2]
-    told = check("published_tool_force", 'tool = 1\ncomponent = "x"', pressed, strain)
-    case = write(tmp_path, told, by=PLATE)
+    reported = check("published_tool_force", 'tool = 1\ncomponent = "x"', pressed, strain)
+    case = write(tmp_path, reported, by=PLATE)
     answer = solved(case.problem, strain)
     (found,) = judged(case, answer)
     # What the plate feels is what it exerts, turned round: along +x.
@@ -288,8 +288,8 @@ def test_a_measurements_uncertainty_counts_like_a_bar(tmp_path: Path, form: Form
 
 
 def test_single_precision_is_granted_to_them_too(tmp_path: Path):
-    told = [check(*form, GREEN, limit=1e-12) for form in forms(GREEN)]
-    case = write(tmp_path, *told)
+    reported = [check(*form, GREEN, limit=1e-12) for form in forms(GREEN)]
+    case = write(tmp_path, *reported)
     right = dataclasses.replace(solved(case.problem), label=SAME_MESH)
     given = ReferenceSet({(SAME_MESH, GREEN): right}, {}, "made")
     for spec in PrecisionGrant(case, given, Precision.SINGLE).checks():
@@ -324,9 +324,15 @@ def test_single_precision_is_granted_to_them_too(tmp_path: Path):
     ],
 )
 def test_bad_checks_are_named(metric: str, lines: dict[str, object], words: str):
-    told = {"metric": metric, "against": "candidate", "limit": 0.1, "reason": "r", "expected": 1.0}
+    reported = {
+        "metric": metric,
+        "against": "candidate",
+        "limit": 0.1,
+        "reason": "r",
+        "expected": 1.0,
+    }
     with pytest.raises(ValidationError) as caught:
-        CheckSpec.model_validate(told | lines)
+        CheckSpec.model_validate(reported | lines)
     assert words in str(caught.value)
 
 

@@ -141,7 +141,7 @@ TRIANGLE = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]],
 
 
 @pytest.mark.parametrize(
-    ("place", "distance"),
+    ("position", "distance"),
     [
         ([0.2, 0.2, 0.7], 0.7),  # above the inside
         ([-3.0, -4.0, 0.0], 5.0),  # beyond a corner
@@ -150,8 +150,8 @@ TRIANGLE = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]],
         ([0.25, 0.25, 0.0], 0.0),
     ],
 )
-def test_distance_to_one_triangle(place: list[float], distance: float) -> None:
-    found = nearest_on_surface(np.array([place]), *TRIANGLE).distances
+def test_distance_to_one_triangle(position: list[float], distance: float) -> None:
+    found = nearest_on_surface(np.array([position]), *TRIANGLE).distances
     assert found[0] == pytest.approx(distance, abs=1e-12)
 
 
@@ -169,10 +169,10 @@ def test_the_search_finds_what_brute_force_finds() -> None:
     rng = np.random.default_rng(2)
     sphere = shape_sphere(1.0, edge_length=0.4)
     points = sphere.points + 5.0
-    places = rng.uniform(3.5, 6.5, (300, 3))
-    found = nearest_on_surface(places, points, sphere.facets).distances
+    positions = rng.uniform(3.5, 6.5, (300, 3))
+    found = nearest_on_surface(positions, points, sphere.facets).distances
     one_by_one = [
-        nearest_on_surface(places, points, facet[None]).distances for facet in sphere.facets
+        nearest_on_surface(positions, points, facet[None]).distances for facet in sphere.facets
     ]
     np.testing.assert_allclose(found, np.min(one_by_one, axis=0), rtol=1e-12)
 

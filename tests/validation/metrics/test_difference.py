@@ -50,7 +50,7 @@ def swinging(number: float | None = None, states: slice = slice(None)) -> State:
 
 def verdict_of(name: str, candidate: State) -> Verdict:
     metric = CATALOGUE[name]
-    told = {"metric": name, "limit": 0.9, "reason": "r"}
+    reported = {"metric": name, "limit": 0.9, "reason": "r"}
     right = {
         "at": list(MESH.points[END]),
         "component": metric.components[1] if metric.components else "",
@@ -61,16 +61,16 @@ def verdict_of(name: str, candidate: State) -> Verdict:
         "expected": 0.2,
     }
     if metric.is_of_surface:
-        told["support"] = 1
+        reported["support"] = 1
     elif metric.of_part is not None:
-        told["region"] = right["region"]
+        reported["region"] = right["region"]
     elif not metric.is_of_whole:
-        told["against"] = "candidate"
+        reported["against"] = "candidate"
     if name in ("inverted_cells", "smallest_det_f"):
-        told["limit"] = 0.0
+        reported["limit"] = 0.0
     if metric.is_published:
-        told |= {key: right[key] for key in metric.asks} | {"limit": 0.1}
-    spec = CheckSpec.model_validate(told)
+        reported |= {key: right[key] for key in metric.asks} | {"limit": 0.1}
+    spec = CheckSpec.model_validate(reported)
     problem = PROBLEM
     if metric.needs_tools:
         away = ToolPath(np.zeros(1), np.array([[0.0, 9.0, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))

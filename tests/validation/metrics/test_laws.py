@@ -81,7 +81,7 @@ def test_tangent_of_smoothed_tetrahedra_is_the_derivative_of_their_force(law):
     u, way = size * np.random.default_rng(2).standard_normal((2, *shape))
     way = body.freed(way)
     product, h = Tangent(body, u).times(way), 1e-4
-    places = [u + s * h * way for s in (1.0, -1.0)]
-    ends = [body.freed(body.internal(at) - body.external(at)) for at in places]
+    positions = [u + s * h * way for s in (1.0, -1.0)]
+    ends = [body.freed(body.internal(at) - body.external(at)) for at in positions]
     change = (ends[0] - ends[1]) / (2 * h)
     assert np.abs(change - product).max() < 1e-6 * np.abs(product).max()

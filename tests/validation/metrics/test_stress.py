@@ -138,15 +138,15 @@ def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
         (sigma, ""),
         (1.03 * sigma, ""),
     ):
-        told = measure(
+        reported = measure(
             "stress_l2",
             problem,
             state_of(problem, answer, sent_stress=slip),
             right,
             cells_of(problem),
         )
-        assert words in told.remark
-        assert bool(words) == bool(told.remark)
+        assert words in reported.remark
+        assert bool(words) == bool(reported.remark)
     broken = sent.copy()
     broken[5] = math.nan
     unusable = state_of(problem, answer, sent_stress=broken)

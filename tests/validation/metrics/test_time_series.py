@@ -92,7 +92,7 @@ def test_another_mode_makes_the_fit_uncertain_by_about_what_it_does(ratio: float
     """A second mode a tenth as large, at every phase: errors stay near what is told."""
     exact = fit_oscillation(TIMES, cosine())
     worst = dict.fromkeys(WORDS, 0.0)
-    told = dict.fromkeys(WORDS, 0.0)
+    reported = dict.fromkeys(WORDS, 0.0)
     for phase in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False):
         second = cosine(0.0, 0.2, 3.3 * ratio, float(phase))
         series = cosine() + second
@@ -100,10 +100,10 @@ def test_another_mode_makes_the_fit_uncertain_by_about_what_it_does(ratio: float
         uncertainty = fit_uncertainty(TIMES, series)
         for word in WORDS:
             worst[word] = max(worst[word], getattr(error, word))
-            told[word] = max(told[word], getattr(uncertainty, word))
+            reported[word] = max(reported[word], getattr(uncertainty, word))
     for word in WORDS:
-        assert worst[word] <= 1.5 * told[word], word
-        assert told[word] <= 10.0 * worst[word], word
+        assert worst[word] <= 1.5 * reported[word], word
+        assert reported[word] <= 10.0 * worst[word], word
     # Of one cosine alone there is nothing to be uncertain of.
     alone = fit_uncertainty(TIMES, cosine())
     assert all(getattr(alone, word) < 1e-7 for word in WORDS)

@@ -111,8 +111,8 @@ def spoiled(kind: str) -> Callable[[Field, Field], None]:
 def test_garbage_between_the_outputs_is_out_of_reach(name: str, kind: str) -> None:
     problem = moving(name, 50)
     for num_sent in (100, 250):
-        told = state_out_of_reach(problem, sent(problem, num_sent, spoiled(kind)))
-        assert "out of the body's reach" in told
+        reported = state_out_of_reach(problem, sent(problem, num_sent, spoiled(kind)))
+        assert "out of the body's reach" in reported
 
 
 def test_a_smooth_excursion_between_two_outputs_is_out_of_reach() -> None:
@@ -185,8 +185,8 @@ def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:
         def spoil(states: Field, _between: Field, number: float = number) -> None:
             states[31, 3, 1] = number
 
-        told = unmeasurable_state(sent(problem, 100, spoil))
-        assert told.startswith("its state at 0.155 s")
+        reported = unmeasurable_state(sent(problem, 100, spoil))
+        assert reported.startswith("its state at 0.155 s")
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 2.0, 3.1])

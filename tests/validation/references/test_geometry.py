@@ -184,11 +184,11 @@ def test_a_truth_stored_without_its_part_says_so(case_of):
 
 def test_a_part_of_another_surface_is_told(case_of, sphere_file, tmp_path, monkeypatch):
     squeezed(monkeypatch)
-    told = '[truth]\nsurface = "fine.ply"\n'
-    found, _ = geometry_of(case_of(sphere_file, truth=told))
-    assert geometry_notes(case_of(sphere_file, truth=told), found) == []
+    reported = '[truth]\nsurface = "fine.ply"\n'
+    found, _ = geometry_of(case_of(sphere_file, truth=reported))
+    assert geometry_notes(case_of(sphere_file, truth=reported), found) == []
     write_surface(tmp_path / "fine.ply", shape_sphere(1.01, edge_length=0.1))
-    (note,) = geometry_notes(case_of(sphere_file, truth=told), found)
+    (note,) = geometry_notes(case_of(sphere_file, truth=reported), found)
     assert "of the surface in fine.ply as it was when it was built" in note
     (note,) = geometry_notes(
         case_of(sphere_file, truth="[truth]\ngeometry_distance = 0.02\n"), found

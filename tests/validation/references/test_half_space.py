@@ -150,12 +150,12 @@ def pressed_block(tool: str, size: float) -> Problem:
     near = top[(distance <= reach).all(axis=1)]
     depth = pressed_depth(tool)
     shape = PlaneShape() if tool == "punch" else SphereShape(FLATNESS * CONTACT_RADIUS)
-    places = np.zeros((2, 3))
-    places[:, 2] = 0.0 if tool == "punch" else FLATNESS * CONTACT_RADIUS
-    places[1, 2] -= depth
+    positions = np.zeros((2, 3))
+    positions[:, 2] = 0.0 if tool == "punch" else FLATNESS * CONTACT_RADIUS
+    positions[1, 2] -= depth
     # Half a turn about x: the plane's half space lies above.
     turned = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
-    path = ToolPath(np.arange(2.0), places, turned)
+    path = ToolPath(np.arange(2.0), positions, turned)
     supports = rollers(mesh, ((0, 0.0), (1, 0.0), (2, float(mesh.points[:, 2].min()))))
     pressed = RigidTool(shape, path, contact_facets=near)
     return Problem(mesh, MATERIAL, supports, (), tools=(pressed,))

@@ -202,8 +202,8 @@ def test_what_leaks_into_the_fit_of_a_swing_is_no_noise_between_runs() -> None:
 
     problem, _ = swinging(0.3)
     # Second order; then to and fro, which shows no order, but less than one fit can tell.
-    told = assess_sequence(problem, [run(1.0 + e) for e in (1e-4, 4e-4, 16e-4)])
-    assert told["oscillation_amplitude"].error_bar == pytest.approx(1.25e-4, rel=0.02)
+    reported = assess_sequence(problem, [run(1.0 + e) for e in (1e-4, 4e-4, 16e-4)])
+    assert reported["oscillation_amplitude"].error_bar == pytest.approx(1.25e-4, rel=0.02)
     swayed = assess_sequence(problem, [run(1.0 + e) for e in (1e-4, 3e-4, 2e-4)])
     assert swayed["oscillation_amplitude"].behaviour is Convergence.BELOW_NOISE
     assert swayed["oscillation_amplitude"].error_bar == pytest.approx(6e-4, rel=0.02)

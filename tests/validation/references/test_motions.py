@@ -47,11 +47,11 @@ def test_the_cells_where_the_gradient_changes_are_marked() -> None:
 
 def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs that err by c h^2 + b dt^2: the truth's distance from the limit is within the bar."""
-    told = []
+    reported = []
 
     def solve_implicit(problem: Problem, strain: Strain, steps: int, _say: object) -> State:
-        told.append((problem.mesh.num_cells, steps))
-        level = len({cells for cells, _ in told if cells < problem.mesh.num_cells})
+        reported.append((problem.mesh.num_cells, steps))
+        level = len({cells for cells, _ in reported if cells < problem.mesh.num_cells})
         error = 0.08 * 0.25**level + 0.02 * 0.25 ** np.log2(steps)
         way = problem.mesh.points[:, [2, 2, 2]] * np.linspace(0.0, 1.0, 41)[:, None, None]
         kinked = way * np.where(problem.mesh.points[:, :1] > 0.03, 1.0, 1.2)
@@ -63,7 +63,7 @@ def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -
     first, middle, finest = details["cells"]
     long, shorter = [(n, 2) for n in (first, middle, finest)], [(middle, 4), (middle, 8)]
     # The finest mesh takes the shortest step itself.
-    assert told == [*long, *shorter, (finest, 8)]
+    assert reported == [*long, *shorter, (finest, 8)]
     assert first == PROBLEM.mesh.num_cells < middle < finest
     assert truth.label == TRUTH
     assert truth.displacement.shape == PROBLEM.mesh.points.shape
@@ -104,10 +104,10 @@ def test_a_body_without_tools_has_its_truth_the_same_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = load_case("block-motion").problem
-    told = []
+    reported = []
 
     def solve_implicit(finer: Problem, _strain: Strain, steps: int, _say: object) -> State:
-        told.append((finer.mesh.num_cells, steps))
+        reported.append((finer.mesh.num_cells, steps))
         points = finer.mesh.points
         way = points * np.sin(np.linspace(0.0, 12.0, 51))[:, None, None]
         size = 1.0 + 0.1 / finer.mesh.num_cells + 0.01 / steps**2
@@ -117,8 +117,8 @@ def test_a_body_without_tools_has_its_truth_the_same_way(
     monkeypatch.setattr(motions, "solve_implicit", solve_implicit)
     truth, bars, details = solve_motion_truth(problem, Strain.GREEN, lambda _line: None)
     # The finest mesh takes the shortest step itself.
-    assert told[-1] == (details["cells"][-1], 8)
-    assert details["cells"] == sorted({cells for cells, _ in told})
+    assert reported[-1] == (details["cells"][-1], 8)
+    assert details["cells"] == sorted({cells for cells, _ in reported})
     assert truth.tool_forces is None
     assert truth.displacement.shape == problem.mesh.points.shape
     assert "tool_force" not in bars

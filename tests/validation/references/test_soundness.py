@@ -112,8 +112,8 @@ def test_forces_on_tools_are_what_the_body_pushes_back_with():
 @pytest.mark.parametrize("number", SCALARS)
 def test_a_header_number_that_its_displacement_does_not_give_is_refused(number):
     problem, references = references_of("block")
-    told = getattr(references.states[SAME_MESH, Strain.GREEN], number)
-    spoiled = changed(references, SAME_MESH, **{number: told * (1.0 + 1e-6)})
+    reported = getattr(references.states[SAME_MESH, Strain.GREEN], number)
+    spoiled = changed(references, SAME_MESH, **{number: reported * (1.0 + 1e-6)})
     assert f"{number} is said to be" in contradictions(problem, spoiled)
 
 
@@ -152,9 +152,9 @@ def test_a_bar_below_zero_or_nan_is_refused(bar):
 def test_a_bar_below_what_the_kept_meshes_and_steps_make_it_is_refused(name):
     problem, references = references_of(name)
     metric = "displacement_max" if problem.time is None else "trajectory_l2"
-    place = (metric, Strain.GREEN)
-    assert math.isfinite(references.bars[place])
-    smaller = {**references.bars, place: 0.5 * references.bars[place]}
+    position = (metric, Strain.GREEN)
+    assert math.isfinite(references.bars[position])
+    smaller = {**references.bars, position: 0.5 * references.bars[position]}
     spoiled = dataclasses.replace(references, bars=smaller)
     assert f"error bar of {metric}" in contradictions(problem, spoiled)
 
@@ -171,18 +171,18 @@ def test_a_motion_starts_at_rest_and_has_the_times_of_its_case():
     problem, references = references_of("wave")
     motion = references.states[TRUTH, Strain.LINEAR].trajectory
     late = Trajectory(motion.times + 0.01, motion.displacements)
-    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=late))
-    assert "are not the 101 outputs" in told
+    reported = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=late))
+    assert "are not the 101 outputs" in reported
     moved = motion.displacements.copy()
     moved[0] = moved[-1]
     begun = Trajectory(motion.times, moved)
-    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=begun))
-    assert "start at rest" in told
+    reported = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=begun))
+    assert "start at rest" in reported
     short = Trajectory(motion.times[:-1], motion.displacements[:-1])
-    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=short))
-    assert "does not fit the mesh and [time]" in told
-    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=None))
-    assert "no motion over [time]" in told
+    reported = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=short))
+    assert "does not fit the mesh and [time]" in reported
+    reported = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=None))
+    assert "no motion over [time]" in reported
     last = changed(references, TRUTH, Strain.LINEAR, displacement=0.5 * motion.displacements[-1])
     assert "not the last state of its motion" in contradictions(problem, last)
 
@@ -216,8 +216,8 @@ def test_records_of_a_wrong_type_are_no_records():
     problem, references = references_of("block")
     for kept in ("often", ["green"], {"green": {"volume": 3.0}}, {"green": {"volume": {}}}):
         provenance = {"sequence": "degree 2", "grid_convergence": kept, "convergence": kept}
-        told = dataclasses.replace(references, provenance=provenance)
-        assert all("error bar of" in line for line in find_contradictions(problem, told))
+        reported = dataclasses.replace(references, provenance=provenance)
+        assert all("error bar of" in line for line in find_contradictions(problem, reported))
 
 
 @pytest.mark.parametrize("strain", Strain)

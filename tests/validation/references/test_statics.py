@@ -143,15 +143,15 @@ def test_a_single_point_that_is_held_counts_where_it_carries_force(block: Proble
     forces = dead_force(pinned)
     forces[1] = 2.0
     stresses = np.zeros((block.mesh.num_cells, 3, 3))
-    told = dataclasses.replace(state(block, 0.01), integrals=StressIntegrals(stresses, forces))
-    assert not has_point_forces(pinned, told)
+    reported = dataclasses.replace(state(block, 0.01), integrals=StressIntegrals(stresses, forces))
+    assert not has_point_forces(pinned, reported)
     forces[0] += 1e-3
-    assert has_point_forces(pinned, told)
+    assert has_point_forces(pinned, reported)
     # Along x alone: that is another support's, or a load's.
     roller = dataclasses.replace(pin, components=(False, False, True))
     rolling = dataclasses.replace(block, supports=(*block.supports, roller))
     forces[0] = dead_force(rolling)[0] + [1e-3, 0.0, 0.0]
-    assert not has_point_forces(rolling, told)
+    assert not has_point_forces(rolling, reported)
     # Nothing is known of its force.
     assert has_point_forces(pinned)
     assert not has_point_forces(block)

@@ -29,16 +29,16 @@ EVERYWHERE = {"half_space": {"point": (0.0, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)
 
 
 def spec(**more: object) -> CheckSpec:
-    told = {"metric": "stress_l2", "against": "truth", "limit": 1.5, "reason": "r", **more}
+    reported = {"metric": "stress_l2", "against": "truth", "limit": 1.5, "reason": "r", **more}
     if "support" not in more:
-        told["region"] = EVERYWHERE
-    return CheckSpec.model_validate(told)
+        reported["region"] = EVERYWHERE
+    return CheckSpec.model_validate(reported)
 
 
 def without_stress(references):
     states = {
-        place: dataclasses.replace(state, integrals=None)
-        for place, state in references.states.items()
+        position: dataclasses.replace(state, integrals=None)
+        for position, state in references.states.items()
     }
     provenance = {**references.provenance, "added": {}}
     return dataclasses.replace(references, states=states, provenance=provenance)
@@ -95,10 +95,10 @@ def test_a_truth_without_them_is_inconclusive_and_says_what_to_do(whole):
 
 
 def test_stresses_that_do_not_balance_the_loads_are_refused(whole):
-    def with_change(place, **change):
-        state = whole.states[place]
+    def with_change(position, **change):
+        state = whole.states[position]
         kept = dataclasses.replace(state.integrals, **change)
-        changed = {**whole.states, place: dataclasses.replace(state, integrals=kept)}
+        changed = {**whole.states, position: dataclasses.replace(state, integrals=kept)}
         return dataclasses.replace(whole, states=changed)
 
     assert find_contradictions(CASE.problem, whole) == []

@@ -41,9 +41,9 @@ MATERIAL = Material(1000.0, 0.3)
 MU = 1000.0 / 2.6
 
 
-def side(mesh: TetMesh, axis: int, place: float, components: tuple[bool, bool, bool]) -> Support:
+def side(mesh: TetMesh, axis: int, position: float, components: tuple[bool, bool, bool]) -> Support:
     facets = mesh.boundary_facets
-    chosen = facets[(np.abs(mesh.points[facets][:, :, axis] - place) < 1e-9).all(axis=1)]
+    chosen = facets[(np.abs(mesh.points[facets][:, :, axis] - position) < 1e-9).all(axis=1)]
     return Support(np.unique(chosen).astype(np.int32), chosen, components)
 
 
@@ -189,14 +189,14 @@ def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, na
     assert (SAME_MESH, Strain.LINEAR) not in of_smoothed.states
     assert of_smoothed.bar_of_part(quarter(), Strain.LINEAR, metric, part) == bar
     # Without linear tetrahedra beside it there is nothing to tell it from.
-    alone = {place: state for place, state in live.states.items() if place[0] != SAME_MESH}
+    alone = {position: state for position, state in live.states.items() if position[0] != SAME_MESH}
     lonely = dataclasses.replace(live, states=alone)
     assert lonely.bar_of_part(quarter(), Strain.LINEAR, metric, part) == float("inf")
 
 
 def test_a_truth_without_stresses_has_no_bar() -> None:
     known, part = references(), parts()["all"]
-    place = TRUTH, Strain.LINEAR
-    mute = dataclasses.replace(known.states[place], integrals=None)
-    without = dataclasses.replace(known, states={place: mute})
+    position = TRUTH, Strain.LINEAR
+    mute = dataclasses.replace(known.states[position], integrals=None)
+    without = dataclasses.replace(known, states={position: mute})
     assert without.bar_of_part(quarter(), Strain.LINEAR, "stress_l2", part) == float("inf")

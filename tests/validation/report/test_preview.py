@@ -193,7 +193,7 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("force = [60.0, 20.0, -10.0]", "force = [0.0, 0.0, 0.0]", "nothing moves"),
         ("force = [60.0, 20.0, -10.0]", "force = [300.0, 0.0, 0.0]", "of its size"),
@@ -206,10 +206,10 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
     ],
 )
 def test_what_looks_wrong_is_told(
-    write_case: Callable[..., Path], old: str, new: str, told: str
+    write_case: Callable[..., Path], old: str, new: str, reported: str
 ) -> None:
     look = describe_case(load_case(write_case((old, new))))
-    assert any(told in warning for warning in look.warnings), look.warnings
+    assert any(reported in warning for warning in look.warnings), look.warnings
 
 
 def test_a_case_in_which_nothing_acts_or_is_checked_is_told() -> None:

@@ -63,7 +63,7 @@ def test_lines_are_drawn_with_their_labels_notes_and_levels(tmp_path: Path) -> N
     ]
     panel = Panel(
         lines, x="cells", y="error", title="A panel", log="xy", levels=(2e-4,),
-        places={5.0: "the end"}, band=(1e-4, 2e-4), notes=[(10.0, 1e-3, "here")],
+        positions={5.0: "the end"}, band=(1e-4, 2e-4), notes=[(10.0, 1e-3, "here")],
         ticks={1.0: "one", 100.0: "hundred"}, y_range=(1e-5, None),
     )  # fmt: skip
     other = Panel([Line((0.0, 1.0), (0.0, 1.0), label="errors")], x="time")

@@ -35,8 +35,8 @@ def test_what_it_was_held_against_is_in_every_output(kidney: CaseResult, block: 
     cases = json.loads(results_json([kidney, block], "0"))["cases"]
     assert [case["scope"] for case in cases] == ["truth", "same_mesh"]
     suites = ET.fromstring(junit_xml([kidney, block])).findall("testsuite")
-    told = [suite.find("properties/property[@name='scope']") for suite in suites]
-    assert [one is not None and one.get("value") for one in told] == ["truth", "same_mesh"]
+    reported = [suite.find("properties/property[@name='scope']") for suite in suites]
+    assert [one is not None and one.get("value") for one in reported] == ["truth", "same_mesh"]
     assert "passed, verified on the same mesh only: not compared with the truth" in (
         summary_markdown([block])
     )

@@ -106,14 +106,14 @@ def test_the_log_is_of_generations_that_were() -> None:
     assert all(1 <= run["generation"] <= generation and run["truth"] in WAYS for run in runs)
 
 
-def residual(exact, places, lmbda, mu, step):
+def residual(exact, positions, lmbda, mu, step):
     """Navier's operator by central differences, and its largest term."""
     e = np.eye(3) * step
-    second = np.zeros((len(places), 3, 3, 3))
+    second = np.zeros((len(positions), 3, 3, 3))
     for j in range(3):
         for k in range(3):
             corners = [
-                a * b * exact(places + a * e[j] + b * e[k]) for a in (1, -1) for b in (1, -1)
+                a * b * exact(positions + a * e[j] + b * e[k]) for a in (1, -1) for b in (1, -1)
             ]
             second[:, :, j, k] = sum(corners) / (4.0 * step**2)
     parts = (lmbda + mu) * np.einsum("njji->ni", second), mu * np.einsum("nikk->ni", second)
@@ -165,8 +165,8 @@ def test_a_column_bears_what_hangs_below() -> None:
     assert (weight, end) == pytest.approx((-0.5 * bears, -0.3 * bears))
     x = np.array([0.1, 0.45, 0.55, 0.9])
     step = np.array([1e-5, 0.0, 0.0])
-    places = np.column_stack([x, 0 * x, 0 * x])
-    slope = (answer.field(places + step) - answer.field(places - step))[:, 0] / 2e-5
+    positions = np.column_stack([x, 0 * x, 0 * x])
+    slope = (answer.field(positions + step) - answer.field(positions - step))[:, 0] / 2e-5
     a = 1.0 + slope
     factor = np.where(x > 0.5, 3.0, 1.0)
     np.testing.assert_allclose(
@@ -226,8 +226,8 @@ def williams(angle: float, nu: float, guess: float):
     _, values, right = np.linalg.svd(system(power))
     assert values[-1] < 1e-10 * values[0]
 
-    def exact(places):
-        r, t = np.hypot(*places.T).T, np.arctan2(places[..., 1], places[..., 0])
+    def exact(positions):
+        r, t = np.hypot(*positions.T).T, np.arctan2(positions[..., 1], positions[..., 0])
         _, _, u_r, u_t = (np.einsum("k,k...->...", right[-1], part) for part in rows(power, t))
         scale = r**power
         c, s = np.cos(t), np.sin(t)
@@ -250,7 +250,7 @@ def test_two_dimensions_find_the_singular_field_of_a_clamped_edge(lean: float, n
     for degree, layers in ((4, 3), (8, 7)):
         plane = Plane(section, Material(2.0 * (1.0 + nu), nu, 1.0), Strain.LINEAR, loads,
                       degree=degree, layers=layers)  # fmt: skip
-        u, right = plane.solve(), exact(plane.places)
+        u, right = plane.solve(), exact(plane.positions)
         off.append(np.abs(u - right).max() / np.abs(right).max())
     assert 0.5 < power < 1.0
     assert off[1] < 2e-5
@@ -264,7 +264,7 @@ def test_tangents_in_two_dimensions_are_the_slope_of_the_forces(law: Law) -> Non
     loads = PlaneLoads({}, pressures={"top": 0.2, "far": 0.1})
     plane = Plane(section, Material(1.0, 0.4, 1.0, law), Strain.GREEN, loads, degree=3, layers=1)
     rng = np.random.default_rng(0)
-    u, along = (0.1 * rng.standard_normal(plane.places.shape) for _ in range(2))
+    u, along = (0.1 * rng.standard_normal(plane.positions.shape) for _ in range(2))
     K, _ = plane.tangents(u, 1.0)
     h = 1e-6
     rise = (plane.tangents(u + h * along, 1.0)[1] - plane.tangents(u - h * along, 1.0)[1]) / (

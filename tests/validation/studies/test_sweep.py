@@ -60,7 +60,7 @@ def test_values_are_read(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         ("material.poisons_ratio=0.3", "did you mean 'material.poissons_ratio'"),
         ("load[1].factor=1:2:3", "did you mean 'load[0].factor'"),
@@ -78,11 +78,11 @@ def test_values_are_read(
     ],
 )
 def test_what_cannot_vary_is_told_with_what_was_meant(
-    write_case: Callable[..., Path], words: str, told: str
+    write_case: Callable[..., Path], words: str, reported: str
 ) -> None:
     with pytest.raises(VaryError) as caught:
         read_axis(words, load_case(write_case()))
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def test_every_combination_is_built_on_one_mesh_and_a_bad_value_is_told_before_any_solve(
@@ -179,11 +179,11 @@ def test_it_stops_where_equilibrium_ends_and_says_at_which_value(
     assert green[10.0].state is None
     assert green[10.0].was_tried
     assert not green[20.0].was_tried
-    assert green[20.0].trouble == "not tried: no answer at load[0].factor = 10"
+    assert green[20.0].trouble == "not tried: no solution at load[0].factor = 10"
     assert all(r.state is not None for r in runs if r.strain is Strain.LINEAR)
-    (told,) = ends_of(axes, runs)
-    assert "no answer at load[0].factor = 10" in told
-    assert told.endswith("the last that has one is load[0].factor = 1")
+    (reported,) = ends_of(axes, runs)
+    assert "no solution at load[0].factor = 10" in reported
+    assert reported.endswith("the last that has one is load[0].factor = 1")
 
 
 def test_a_sweep_leaves_a_table_vector_figures_and_a_page(

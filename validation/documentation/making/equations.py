@@ -23,7 +23,7 @@ SHOWN = 45
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """A definition: its file, its name, and the lines from first to last, counted from 1."""
 
     path: str
@@ -50,7 +50,7 @@ class Place:
         return "\n".join([*lines[:SHOWN], f"{comment} ... and {left} lines more"])
 
 
-def find(words: str) -> Place:
+def find(words: str) -> Location:
     """The place that "path name" speaks of.
 
     Raises:
@@ -60,11 +60,11 @@ def find(words: str) -> Place:
     lines = (ROOT / path).read_text("utf-8").splitlines()
     span = _in_python if path.endswith(".py") else _in_cpp
     for first, last in span(lines, name):
-        return Place(path, name, first, last)
+        return Location(path, name, first, last)
     raise LookupError(f"{path} defines no {name}")
 
 
-def written_out(declared: Place) -> Place | None:
+def written_out(declared: Location) -> Location | None:
     """Where the function that a C++ header declares is written out, in the .cpp beside it."""
     source = (ROOT / declared.path).with_suffix(".cpp")
     lines = (ROOT / declared.path).read_text("utf-8").splitlines()
@@ -72,7 +72,7 @@ def written_out(declared: Place) -> Place | None:
         return None
     path = str(source.relative_to(ROOT))
     spans = _in_cpp(source.read_text("utf-8").splitlines(), declared.name)
-    return next((Place(path, declared.name, *span) for span in spans), None)
+    return next((Location(path, declared.name, *span) for span in spans), None)
 
 
 def _in_python(lines: list[str], name: str) -> Iterator[tuple[int, int]]:
@@ -153,17 +153,17 @@ def _entry(entry: Mapping[str, Any], kind: str, called: str) -> str:
         ("reference", entry.get("reference", [])),
         ("held by", [entry["held_by"]]),
     ):
-        for place in map(find, words):
-            body = written_out(place)
-            parts += [_folded(who, one) for one in (place, body) if one is not None]
+        for position in map(find, words):
+            body = written_out(position)
+            parts += [_folded(who, one) for one in (position, body) if one is not None]
     return "\n".join(parts)
 
 
-def _folded(who: str, place: Place) -> str:
-    language = "python" if place.path.endswith(".py") else "cpp"
-    summary = html.escape(f"{place.path}:{place.first}"), html.escape(place.name)
+def _folded(who: str, position: Location) -> str:
+    language = "python" if position.path.endswith(".py") else "cpp"
+    summary = html.escape(f"{position.path}:{position.first}"), html.escape(position.name)
     return (
         f'<details class="source"><summary>{who}: <code>{summary[0]}</code> '
         f"<code>{summary[1]}</code></summary>\n\n"
-        f"```{language}\n{place.source()}\n```\n\n</details>\n"
+        f"```{language}\n{position.source()}\n```\n\n</details>\n"
     )

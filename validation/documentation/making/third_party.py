@@ -41,7 +41,7 @@ def third_party() -> str:
     """
     needed = _closure("palpate", "")
     rows = [(name, licence_of(name)) for name in needed]
-    wrong = [f"{name}: {told}" for name, told in rows if not _is_free_for_all(told)]
+    wrong = [f"{name}: {reported}" for name, reported in rows if not _is_free_for_all(reported)]
     if wrong:
         raise RuntimeError(f"an installation of palpate brings {'; '.join(wrong)}")
     extras = [
