@@ -76,7 +76,7 @@ inline typename Pack::V forces_by_law(const ForceJob<typename Pack::Real> &job, 
     for (std::size_t k = 0; k < 9; ++k)
         g[k] = Pack::load(rest + k * width);
     gradient_of(g, edges, h);
-    ModuliOf<V> moduli{V{} + job.lmbda, V{} + job.mu, V{} + job.c01};
+    ModuliOf moduli{V{} + job.lmbda, V{} + job.mu, V{} + job.c01};
     if (job.moduli) {
         const Real *const own = job.moduli + 3 * width * batch;
         moduli = {Pack::load(own), Pack::load(own + width), Pack::load(own + 2 * width)};

@@ -56,6 +56,7 @@ constexpr bool is_of_stretches(Law law) { return law == Law::ogden || law == Law
 template <typename V> struct ModuliOf {
     V lmbda, mu, c01;
 };
+template <typename V> ModuliOf(V, V, V) -> ModuliOf<V>;
 using Moduli = ModuliOf<double>;
 
 /// Coefficients of P = a (F - cof F) + p cof F + b F (t I - E) (L4): a and b are of shape, p is the
