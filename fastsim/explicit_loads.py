@@ -115,15 +115,15 @@ class ExplicitLoads:
 
     def placed(self, displacement: Points, time: float) -> Points:
         """A displacement with its fixed components where they are at that time [m]."""
-        held = self._prescribed_at(time)
+        fixed = self._prescribed_at(time)
         local = self._supports.to_local(displacement)
-        return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, fixed))
 
     def moved(self, increment: Points, time: float, next_time: float) -> Points:
         """An increment from one time to the next, its fixed components those of the supports."""
-        held = self._prescribed_at(next_time) - self._prescribed_at(time)
+        fixed = self._prescribed_at(next_time) - self._prescribed_at(time)
         local = self._supports.to_local(increment)
-        return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, fixed))
 
     def keep_free(self, vectors: Points) -> Points:
         """Vectors without their fixed components."""
@@ -206,12 +206,12 @@ class MovingSupports:
         for point, value, number in zip(points, values, history[whole], strict=True):
             self._add(0, np.array([point]), everywhere[None], value[None], int(number))
         rows = ~whole
-        held = np.arange(2) < slanted.rank[rows, None]
+        fixed = np.arange(2) < slanted.rank[rows, None]
         self.slides = (
             np.ascontiguousarray(slanted.points[rows]),
             np.ascontiguousarray(slanted.axes[rows, :2].reshape(-1, 6)),
-            np.ascontiguousarray(np.where(held, full[slanted.points[rows], :2], 0.0)),
-            np.where(held, history[rows, None], -1).astype(np.int32),
+            np.ascontiguousarray(np.where(fixed, full[slanted.points[rows], :2], 0.0)),
+            np.where(fixed, history[rows, None], -1).astype(np.int32),
         )
 
     def _history_of(self, slanted: SlantedPoints, k: int) -> int:

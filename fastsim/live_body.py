@@ -294,7 +294,7 @@ class LiveBody:
         spring = dataclasses.replace(spring, path=AnchorPath(np.zeros(1), moved))
         self._require_stable(spring)
         self._engine.change_springs(self._pull.with_spring(spring))
-        self._log.held(spring, self._engine.steps)
+        self._log.add_spring(spring, self._engine.steps)
         return LiveSpring(self, spring)
 
     def reset(self) -> None:
@@ -393,7 +393,7 @@ class DriveLog:
         self._springs = [_TrackedSpring(spring, 0) for spring in problem.springs]
         self._left_its_path = ""
 
-    def held(self, spring: Spring, step: int) -> None:
+    def add_spring(self, spring: Spring, step: int) -> None:
         """Note that a spring was attached at a step."""
         self._springs.append(_TrackedSpring(spring, step))
 

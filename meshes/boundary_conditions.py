@@ -111,8 +111,8 @@ class Support:
         if self.normal is not None:
             along: Floats = np.array([self.normal]) / np.linalg.norm(self.normal)
             return along
-        held: Floats = np.eye(3)[np.array(self.components)]
-        return held
+        fixed: Floats = np.eye(3)[np.array(self.components)]
+        return fixed
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,14 +47,14 @@ def brick_box(
 
 
 def side(mesh: TetMesh, axis: int, position: float) -> Indices:
-    """Boundary facets whose corners all lie at a coordinate `place` [m] of an axis, (n, 3)."""
+    """Boundary facets whose corners all lie at a coordinate `position` [m] of an axis, (n, 3)."""
     facets = mesh.boundary_facets
     distance = np.abs(mesh.points[facets][:, :, axis] - position)
     found: Indices = facets[(distance <= 1e-9 * np.ptp(mesh.points[:, axis])).all(axis=1)]
     return found
 
 
-def held(
+def support_of(
     facets: Indices,
     components: tuple[bool, bool, bool] = (True, True, True),
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -64,8 +64,8 @@ def held(
 
 
 def rollers(mesh: TetMesh, positions: Iterable[tuple[int, float]]) -> tuple[Support, ...]:
-    """Sides (axis, place [m]) that may slide in their own plane only."""
+    """Sides (axis, position [m]) that may slide in their own plane only."""
     return tuple(
-        held(side(mesh, axis, position), (axis == 0, axis == 1, axis == 2))
+        support_of(side(mesh, axis, position), (axis == 0, axis == 1, axis == 2))
         for axis, position in positions
     )

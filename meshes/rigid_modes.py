@@ -21,9 +21,9 @@ class UnsupportedBodyError(InputError):
         self.num_free_modes = num_free_modes
         self.part = part
         where = f"part {part} of {num_parts}" if num_parts > 1 else "the body"
-        held = "has no support" if num_supports == 0 else "is not held enough"
+        fixed = "has no support" if num_supports == 0 else "is not held enough"
         super().__init__(
-            f"{where} {held}: {num_free_modes} of 6 rigid motions are free, so it floats; "
+            f"{where} {fixed}: {num_free_modes} of 6 rigid motions are free, so it floats; "
             "add a [[support]] that holds at least three points not on a line"
         )
 
@@ -49,8 +49,8 @@ def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
         size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
         rows = []
         for support in supports:
-            held = support.points[inside[support.points]]
-            x, y, z = ((mesh.points[held] - centre) / size).T
+            fixed = support.points[inside[support.points]]
+            x, y, z = ((mesh.points[fixed] - centre) / size).T
             one, zero = np.ones_like(x), np.zeros_like(x)
             modes = np.array(
                 [

@@ -109,8 +109,8 @@ def condense_setup(
     )
     dense = condensed.stiffness
     invert_in_place(dense)
-    held = setup.is_free[setup.touched].reshape(-1) == 0
-    dense[held, held] = 0.0
+    fixed = setup.is_free[setup.touched].reshape(-1) == 0
+    dense[fixed, fixed] = 0.0
     columns = dense @ condensed.loads
     # Displacements by each right-hand side, and where supports put fixed components.
     whole = setup.prescribed_fields.copy()

@@ -120,9 +120,9 @@ class ContactTerm:
                 contact.vertices[touching], np.ascontiguousarray(blocks.reshape(-1, 9))
             )
             if self._drags[number].coefficient > 0.0:
-                held = self._dragged(number, displacement, gaps)[1]
+                fixed = self._dragged(number, displacement, gaps)[1]
                 body.core.add_diagonal_blocks(
-                    contact.vertices, np.ascontiguousarray(held.reshape(-1, 9))
+                    contact.vertices, np.ascontiguousarray(fixed.reshape(-1, 9))
                 )
         changed = len(self._active) != len(active) or any(
             np.any(old != new) for old, new in zip(self._active, active, strict=True)
@@ -382,8 +382,8 @@ class BoxFaces:
         """
         own = _in_frame(positions, pose)
         beside = np.where(self._faces != 0.0, 0.0, np.abs(own) - self._half_widths)
-        held = (self._faces != 0.0).any(axis=1)
-        moves = held & is_pressed & (beside.max(axis=1) > self._at)
+        fixed = (self._faces != 0.0).any(axis=1)
+        moves = fixed & is_pressed & (beside.max(axis=1) > self._at)
         round_it = _unit(np.argmax(beside, axis=1)) * np.where(own < 0.0, -1.0, 1.0)
         self._faces = np.where(moves[:, None], round_it, self._faces)
         is_again = bool((moves & self._has_moved).any())

@@ -50,7 +50,7 @@ def shaken(mesh: TetMesh, span: TimeSpan, follower: bool) -> Problem:
     corners = mesh.points[mesh.boundary_facets]
     end = mesh.boundary_facets[(corners[:, :, 0] > 2.0 - 1e-9).all(axis=1)]
     top = mesh.boundary_facets[(corners[:, :, 2] > 0.5 - 1e-9).all(axis=1)]
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     loads: list[Load] = [
         BodyForce((0.0, 40.0, -200.0)),
         PointForce(np.array([int(top[0, 0])], dtype=np.int32), np.array([[1.0, -2.0, -6.0]])),
@@ -58,7 +58,7 @@ def shaken(mesh: TetMesh, span: TimeSpan, follower: bool) -> Problem:
     ]
     if follower:
         loads.append(Pressure(top, 60.0))
-    return Problem(mesh, SOFT, (Support(held),), tuple(loads), span)
+    return Problem(mesh, SOFT, (Support(fixed),), tuple(loads), span)
 
 
 @BOTH

@@ -30,9 +30,9 @@ def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
 
 
 def held_block(mesh: TetMesh, *loads: Load, supports: tuple[Support, ...] = ()) -> Problem:
-    held = facets_at(mesh, 0, 0.0)
+    fixed = facets_at(mesh, 0, 0.0)
     return Problem(
-        mesh, SOFT, (Support(np.unique(held).astype(np.int32), held), *supports), tuple(loads)
+        mesh, SOFT, (Support(np.unique(fixed).astype(np.int32), fixed), *supports), tuple(loads)
     )
 
 

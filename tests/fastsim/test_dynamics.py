@@ -26,9 +26,9 @@ BOTH = pytest.mark.parametrize("strain", list(Strain))
 
 
 def beam(mesh: TetMesh, span: TimeSpan, weight: float = 2000.0) -> Problem:
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     load = BodyForce((0.0, 0.2 * weight, -weight))
-    return Problem(mesh, SOFT, (Support(held),), (load,), span)
+    return Problem(mesh, SOFT, (Support(fixed),), (load,), span)
 
 
 def free_body(mesh: TetMesh, span: TimeSpan) -> Problem:
@@ -45,10 +45,10 @@ def test_a_run_follows_the_plain_loop(
     result = simulate(problem, strain=strain, element=element)
     body, dt = Body(ragged_box, SOFT, strain, element=element), result.time_step
     supports = FixedPoints(problem)
-    is_free, held = supports.is_free, supports.at(1.0)
+    is_free, fixed = supports.is_free, supports.at(1.0)
     M, F = body.lumped_mass[:, None], external_force(problem)
     D = 3.0 * M
-    now = held.copy()
+    now = fixed.copy()
     before = 0.5 * dt**2 * F / M  # eq. 13 from rest: a(-dt) = dt^2 a'' / 2
     before[is_free == 0] = 0.0
     for output in range(1, 5):
@@ -148,11 +148,11 @@ def test_single_precision_is_safe_in_a_beam_that_hangs_by_half_its_length(
     """
     mesh = make_box((40, 5, 5), (0.4, 0.05, 0.05))
     assert mesh.num_cells == 6000
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     problem = Problem(
         mesh,
         Material(5e5, 0.3, 1000.0),
-        (Support(held),),
+        (Support(fixed),),
         (BodyForce((0.0, 0.0, -9810.0)),),
         TimeSpan(3.0, mass_damping=14.2, num_outputs=1),
     )
@@ -219,9 +219,9 @@ def test_pressure_agrees_with_the_static_solution_after_damping(make_box: MakeBo
     mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
     corners = mesh.points[mesh.boundary_facets]
     top = mesh.boundary_facets[(corners[:, :, 2] > 1.0 - 1e-9).all(axis=1)]
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     problem = Problem(
-        mesh, SOFT, (Support(held),), (Pressure(top, 150.0),), TimeSpan(50.0, None, 1.6, 1)
+        mesh, SOFT, (Support(fixed),), (Pressure(top, 150.0),), TimeSpan(50.0, None, 1.6, 1)
     )
     static = solve_static(problem).displacement
     moved = simulate(problem).displacements[-1]
@@ -265,11 +265,11 @@ def distance(after: np.ndarray, before: np.ndarray) -> float:
 def test_a_bar_swings_as_slowly_as_it_should(make_box: MakeBox) -> None:
     """Its weight, let go, bends it to twice the static deflection; plain cells stop far before."""
     mesh = make_box((12, 3, 3), (4.0, 1.0, 1.0))
-    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     deepest = {}
     for element in Element:
         span = TimeSpan(17.0, num_outputs=100)
-        problem = Problem(mesh, TISSUE, (held,), (BodyForce((0.0, 0.0, -10.0)),), span)
+        problem = Problem(mesh, TISSUE, (fixed,), (BodyForce((0.0, 0.0, -10.0)),), span)
         run = simulate(problem, element=element, strain=Strain.LINEAR)
         deepest[element] = -float(run.displacements[:, :, 2].min())
     # E = 1e4, I = 1/12, q = 10 over 4 m: q L^4 / 8 E I = 0.384 by beam theory, and 4 % for shear;

@@ -132,8 +132,8 @@ def test_a_wrong_force_breaks_the_balance(make_box: MakeBox, ramped: bool, limit
     mu *= 1.01
     stiffer = Material(mu * (3 * lmbda + 2 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu), 1000.0)
     assert lame_parameters(stiffer) == pytest.approx((lmbda, mu))
-    held = Support(points_at(mesh, 0, 0.0))
-    problem = Problem(mesh, stiffer, (held,), (BodyForce((0.0, 40.0, -200.0)),), span)
+    fixed = Support(points_at(mesh, 0, 0.0))
+    problem = Problem(mesh, stiffer, (fixed,), (BodyForce((0.0, 40.0, -200.0)),), span)
     ramp = smooth_ramp(0.5 * span.end_time) if ramped else None
     body = ExplicitBody(problem, amplitude=ramp, tracks_energy=True)
     body.elastic = Body(mesh, SOFT)
@@ -147,9 +147,9 @@ def test_a_wrong_force_breaks_the_balance(make_box: MakeBox, ramped: bool, limit
 
 def test_tracking_energy_changes_no_bit_of_the_trajectory(make_box: MakeBox) -> None:
     mesh = block(make_box)
-    held = Support(points_at(mesh, 0, 0.0))
+    fixed = Support(points_at(mesh, 0, 0.0))
     pull = Traction(facets_at(mesh, 0, 2.0), (500.0, 0.0, -100.0))
-    problem = Problem(mesh, SOFT, (held,), (pull,), TimeSpan(3.0, num_outputs=5))
+    problem = Problem(mesh, SOFT, (fixed,), (pull,), TimeSpan(3.0, num_outputs=5))
     tracked, plain = (simulate(problem, tracks_energy=t).displacements for t in (True, False))
     np.testing.assert_array_equal(tracked, plain)
 
@@ -157,11 +157,11 @@ def test_tracking_energy_changes_no_bit_of_the_trajectory(make_box: MakeBox) -> 
 @pytest.mark.parametrize("law", FINITE_LAWS)
 def test_motion_of_every_law_keeps_its_energy(make_box: MakeBox, law: Law) -> None:
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
-    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     load = Traction(facets_at(mesh, 0, 2.0), (0.0, 0.0, -100.0))
     step = 0.25 * Body(mesh, example_material(law)).critical_time_step()
     span = TimeSpan(4000 * step, step, num_outputs=20)
-    problem = Problem(mesh, example_material(law), (held,), (load,), span)
+    problem = Problem(mesh, example_material(law), (fixed,), (load,), span)
     ramp = smooth_ramp(0.5 * span.end_time)
     result = simulate(problem, amplitude=ramp, tracks_energy=True)
     energies = result.energies

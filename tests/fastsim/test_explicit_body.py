@@ -32,8 +32,8 @@ def end_facets(mesh: TetMesh) -> np.ndarray:
 
 
 def held_block(mesh: TetMesh, span: TimeSpan, *loads: Load) -> Problem:
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
-    return Problem(mesh, SOFT, (Support(held),), loads, span)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    return Problem(mesh, SOFT, (Support(fixed),), loads, span)
 
 
 def crushed(mesh: TetMesh, num_outputs: int) -> Problem:
@@ -255,8 +255,8 @@ def test_loads_and_supports_that_are_not_finite_are_refused(
     span = TimeSpan(0.1)
     with pytest.raises(InputError, match="load 1"):
         simulate(held_block(ragged_box, span, BodyForce((0.0, value, 0.0))))
-    held = Support(np.array([0], np.int32), displacement=(value, 0.0, 0.0))
+    fixed = Support(np.array([0], np.int32), displacement=(value, 0.0, 0.0))
     problem = held_block(ragged_box, span)
-    problem = dataclasses.replace(problem, supports=(*problem.supports, held))
+    problem = dataclasses.replace(problem, supports=(*problem.supports, fixed))
     with pytest.raises(InputError, match="support 2"):
         simulate(problem)

@@ -27,10 +27,10 @@ NUM_STEPS = 200
 def beam(make_box: MakeBox) -> Problem:
     # 270 cells and 96 points: neither fills whole batches or packs.
     mesh = make_box((5, 3, 3), (2.0, 1.0, 1.0), ragged=0.15)
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     span = TimeSpan(NUM_STEPS * 2e-3, 2e-3, 3.0, 1)
     load = BodyForce((0.0, 40.0, -200.0))
-    return Problem(mesh, Material(1e4, 0.3, 1000.0), (Support(held),), (load,), span)
+    return Problem(mesh, Material(1e4, 0.3, 1000.0), (Support(fixed),), (load,), span)
 
 
 def run(

@@ -74,9 +74,9 @@ def bar(mesh: TetMesh, law: Law, span: TimeSpan | None) -> Problem:
     corners = mesh.points[mesh.boundary_facets]
     end = mesh.boundary_facets[(corners[:, :, 0] > 2.0 - 1e-9).all(axis=1)]
     top = mesh.boundary_facets[(corners[:, :, 2] > 0.5 - 1e-9).all(axis=1)]
-    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     loads = (BodyForce((0.0, 40.0, -200.0)), Traction(end, (600.0, 20.0, -10.0)), Pressure(top, 60))
-    return Problem(mesh, example_material(law), (held,), loads, span)
+    return Problem(mesh, example_material(law), (fixed,), loads, span)
 
 
 @BOTH_ELEMENTS

@@ -138,9 +138,9 @@ def test_a_column_that_would_buckle_is_not_followed_straight_on(make_box: MakeBo
     """
     mesh = make_box((20, 2, 2), (10.0, 1.0, 1.0))
     euler = np.pi**2 * SOFT.youngs_modulus / 100.0 / 48.0
-    held = facets_at(mesh, 0, 0.0)
+    fixed = facets_at(mesh, 0, 0.0)
     push = Traction(facets_at(mesh, 0, 10.0), (-10.0 * euler, 0.0, 0.0))
-    support = Support(np.unique(held).astype(np.int32), held)
+    support = Support(np.unique(fixed).astype(np.int32), fixed)
     with pytest.raises(EquilibriumLostError) as caught:
         solve_static(Problem(mesh, SOFT, (support,), (push,)))
     error = caught.value
@@ -188,8 +188,8 @@ def test_the_stiffness_without_stress_is_the_laws_own(
 
 
 def test_an_iteration_cut_short_is_no_limit_of_the_material(ragged_box: TetMesh) -> None:
-    held = points_at(ragged_box, 0, 0.0)
-    problem = Problem(ragged_box, SOFT, (Support(held),), (BodyForce((0.0, 0.0, -200.0)),))
+    fixed = points_at(ragged_box, 0, 0.0)
+    problem = Problem(ragged_box, SOFT, (Support(fixed),), (BodyForce((0.0, 0.0, -200.0)),))
     with pytest.raises(NotConvergedError) as caught:
         solve_static(problem, max_iterations=1)
     assert not isinstance(caught.value, EquilibriumLostError)

@@ -18,11 +18,11 @@ SOFT = Material(1e4, 0.3, 1000.0)
 
 
 def cantilever(mesh: TetMesh) -> Problem:
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     # A roller on one side: components fixed one by one.
     side = np.flatnonzero(mesh.points[:, 1] < 1e-9).astype(np.int32)
     roller = Support(side, components=(False, True, False))
-    return Problem(mesh, SOFT, (Support(held), roller), (BodyForce((1.0, 0.0, -10.0)),))
+    return Problem(mesh, SOFT, (Support(fixed), roller), (BodyForce((1.0, 0.0, -10.0)),))
 
 
 @pytest.mark.parametrize("strain", list(Strain))

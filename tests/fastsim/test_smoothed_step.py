@@ -97,8 +97,8 @@ def test_steps_are_longer_than_the_linear_elements(ragged_box: TetMesh, nu: floa
 
 
 def test_a_run_takes_its_step_from_its_element(ragged_box: TetMesh) -> None:
-    held = Support(np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32))
-    problem = Problem(ragged_box, SOFT, (held,), ())
+    fixed = Support(np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32))
+    problem = Problem(ragged_box, SOFT, (fixed,), ())
     for element in Element:
         body = Body(ragged_box, SOFT, Strain.GREEN, element=element)
         run = ExplicitBody(problem, element=element)

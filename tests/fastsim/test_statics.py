@@ -33,14 +33,14 @@ def symmetry_supports(mesh: TetMesh) -> tuple[Support, ...]:
 
 
 def cantilever(mesh: TetMesh, weight: float, tilt: float = 0.2) -> Problem:
-    held = facets_at(mesh, 0, 0.0)
-    support = Support(np.unique(held).astype(np.int32), held)
+    fixed = facets_at(mesh, 0, 0.0)
+    support = Support(np.unique(fixed).astype(np.int32), fixed)
     return Problem(mesh, SOFT, (support,), (BodyForce((0.0, tilt * weight, -weight)),))
 
 
 def free_norm(problem: Problem, force: np.ndarray) -> float:
-    held = np.unique(np.concatenate([s.points for s in problem.supports]))
-    return float(np.linalg.norm(np.delete(force, held, axis=0)))
+    fixed = np.unique(np.concatenate([s.points for s in problem.supports]))
+    return float(np.linalg.norm(np.delete(force, fixed, axis=0)))
 
 
 @pytest.mark.parametrize("stretch", [0.8, 0.9, 1.1, 1.25, 1.5])
@@ -242,7 +242,7 @@ def test_agrees_with_fenicsx_to_eight_digits(make_box: MakeBox, strain: Strain) 
 def test_the_secant_iteration_of_another_law_is_refused(make_box: MakeBox) -> None:
     mesh = make_box((1, 1, 1), (1.0, 1.0, 1.0))
     rubber = example_material(Law.NEO_HOOKEAN)
-    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
-    problem = Problem(mesh, rubber, (held,), (Pressure(facets_at(mesh, 0, 1.0), 10.0),))
+    fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    problem = Problem(mesh, rubber, (fixed,), (Pressure(facets_at(mesh, 0, 1.0), 10.0),))
     with pytest.raises(InputError, match=r"secant.*follows neo-hookean"):
         solve_static(problem, iteration=Iteration.SECANT)

@@ -27,10 +27,10 @@ THREADS = pytest.mark.parametrize("num_threads", [1, 2])
 
 
 def loaded(mesh: TetMesh, *tools: RigidTool) -> Problem:
-    held = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
     top = (mesh.points[mesh.boundary_facets][:, :, 2] > mesh.points[:, 2].max() - 1e-9).all(axis=1)
     loads = (BodyForce((0.0, 150.0, -300.0)), Pressure(mesh.boundary_facets[top], 40.0))
-    return Problem(mesh, SOFT, (Support(held),), loads, SPAN, tools)
+    return Problem(mesh, SOFT, (Support(fixed),), loads, SPAN, tools)
 
 
 def ball(sink: float) -> RigidTool:
@@ -136,13 +136,13 @@ def test_a_body_is_started_anew_from_any_state(ragged_box: TetMesh, precision: P
 
 def test_the_state_is_read_into_one_array_that_cannot_be_written(ragged_box: TetMesh) -> None:
     body = ExplicitBody(loaded(ragged_box))
-    held = body.displacement
-    before = held.copy()
+    fixed = body.displacement
+    before = fixed.copy()
     body.step(5)
-    assert body.displacement is held
-    assert np.abs(held - before).max() > 0.0
+    assert body.displacement is fixed
+    assert np.abs(fixed - before).max() > 0.0
     with pytest.raises(ValueError, match="read-only"):
-        held[0] = 1.0
+        fixed[0] = 1.0
 
 
 def test_a_look_sees_the_cell_that_the_last_step_inverted(ragged_box: TetMesh) -> None:

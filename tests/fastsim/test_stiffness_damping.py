@@ -29,8 +29,8 @@ ELEMENTS = pytest.mark.parametrize("element", list(Element))
 
 
 def clamped(mesh: TetMesh, span: TimeSpan, material: Material = SOFT) -> Problem:
-    held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
-    return Problem(mesh, material, (held,), (), span)
+    fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
+    return Problem(mesh, material, (fixed,), (), span)
 
 
 def confined_bar(mesh: TetMesh, span: TimeSpan) -> Problem:
@@ -245,8 +245,8 @@ def test_contact_leaves_room_for_it(make_box: MakeBox) -> None:
     steps = []
     for beta in (0.0, 0.01):
         span = TimeSpan(0.1, num_outputs=1, stiffness_damping=beta)
-        held = clamped(mesh, span)
-        body = ExplicitBody(Problem(mesh, SOFT, held.supports, (), span, (tool,)))
+        fixed = clamped(mesh, span)
+        body = ExplicitBody(Problem(mesh, SOFT, fixed.supports, (), span, (tool,)))
         steps.append(body.critical_time_step)
     assert steps[1] == pytest.approx(damped_time_step(steps[0], 0.01), rel=1e-12)
 

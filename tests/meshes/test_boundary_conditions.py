@@ -19,7 +19,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import DisagreeingSupportsError, FacetNotOnBoundaryError, IndexRangeError
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
@@ -41,13 +41,13 @@ def test_the_corners_of_held_facets_are_held_points() -> None:
 def test_whoever_reads_a_problem_sees_points_that_only_facets_name() -> None:
     mesh = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
     facets = mesh.boundary_facets
-    held = facets[(mesh.points[facets][:, :, 0] == 0.0).all(axis=1)]
+    fixed = facets[(mesh.points[facets][:, :, 0] == 0.0).all(axis=1)]
     loads = (BodyForce((0.0, 0.0, -50.0)),)
-    problem = Problem(mesh, Material(1e4, 0.3), (Support((), held),), loads)  # type: ignore[arg-type]
+    problem = Problem(mesh, Material(1e4, 0.3), (Support((), fixed),), loads)  # type: ignore[arg-type]
     found = solve_static(problem)
     assert (
         np.flatnonzero(fixed_components(problem)[0].all(axis=1)).tolist()
-        == np.unique(held).tolist()
+        == np.unique(fixed).tolist()
     )
     audit = audit_on_own_mesh(problem, found.displacement, found.strain)
     assert audit.relative_residual_norm < 1e-8
@@ -74,11 +74,11 @@ def test_a_point_that_the_mesh_does_not_have_is_refused_by_the_problem(
 def test_lists_of_points_and_facets_are_as_good_as_arrays() -> None:
     mesh = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
     facets = mesh.boundary_facets
-    held, pulled = (
+    fixed, pulled = (
         facets[(mesh.points[facets][:, :, 0] == x).all(axis=1)].tolist() for x in (0.0, 2.0)
     )
     load = Traction(pulled, (20.0, 0.0, 0.0))
-    problem = Problem(mesh, Material(1e4, 0.3), (Support([], held),), (load,))  # type: ignore[arg-type]
+    problem = Problem(mesh, Material(1e4, 0.3), (Support([], fixed),), (load,))  # type: ignore[arg-type]
     assert solve_static(problem).displacement[:, 0].max() > 0.0
     given = problem.loads[0]
     assert dataclasses.replace(problem).loads[0] is given
@@ -102,27 +102,27 @@ def refused(*supports: Support, time: TimeSpan | None = None) -> DisagreeingSupp
 
 
 def test_two_places_of_one_component() -> None:
-    lifted = held(FLOOR, UP, (0.0, 0.0, 0.01))
-    error = refused(held(ROOT), lifted)
+    lifted = support_of(FLOOR, UP, (0.0, 0.0, 0.01))
+    error = refused(support_of(ROOT), lifted)
     assert error.points == EDGE
     assert error.supports == (1, 2)
     assert "along z one wants 0 m and the other 0.01 m; separate" in str(error)
-    assert refused(lifted, held(side(MESH, 0, 1.0), UP), held(ROOT)).supports == (1, 2)
+    assert refused(lifted, support_of(side(MESH, 0, 1.0), UP), support_of(ROOT)).supports == (1, 2)
     # Other components, or the same place, or no shared point, agree.
-    problem(held(ROOT, (True, True, False)), lifted)
-    problem(held(ROOT, displacement=(0.0, 0.0, 0.01)), lifted)
-    problem(held(side(MESH, 2, 1.0)), lifted)
+    problem(support_of(ROOT, (True, True, False)), lifted)
+    problem(support_of(ROOT, displacement=(0.0, 0.0, 0.01)), lifted)
+    problem(support_of(side(MESH, 2, 1.0)), lifted)
 
 
 def test_a_turn_agrees_where_it_does_not_move() -> None:
     turned = dataclasses.replace(
-        held(ROOT), rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), 0.3)
+        support_of(ROOT), rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), 0.3)
     )
-    problem(turned, held(FLOOR, (False, True, False)))
+    problem(turned, support_of(FLOOR, (False, True, False)))
     # The axis runs through the edge, the only points that both hold.
-    problem(turned, held(FLOOR))
+    problem(turned, support_of(FLOOR))
     off = dataclasses.replace(turned, rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.5), 0.3))
-    error = refused(off, held(FLOOR))
+    error = refused(off, support_of(FLOOR))
     assert error.points == EDGE
     # By half a turn about the edge's middle line: x goes to 2 r, sin(0.3) / 2 here.
     assert f"{math.sin(0.3) * -0.5:.6g} m" in str(error)
@@ -130,13 +130,13 @@ def test_a_turn_agrees_where_it_does_not_move() -> None:
     whole = dataclasses.replace(
         turned, rotation=Rotation((0.0, 1.0, 0.0), (0.0, 0.0, 0.5), 2 * math.pi)
     )
-    refused(whole, held(FLOOR))
+    refused(whole, support_of(FLOOR))
 
 
 def test_slanted_planes_agree_where_they_cross_and_where_one_follows_from_others() -> None:
     s = math.sqrt(0.5)
     slope = Support(np.unique(ROOT), ROOT, normal=(s, 0.0, s))
-    floor = held(FLOOR, (True, False, True), (0.02, 0.0, 0.0))
+    floor = support_of(FLOOR, (True, False, True), (0.02, 0.0, 0.0))
     error = refused(floor, slope)
     assert error.points == EDGE
     assert error.supports == (1, 2)
@@ -144,7 +144,7 @@ def test_slanted_planes_agree_where_they_cross_and_where_one_follows_from_others
     along = dataclasses.replace(slope, displacement=(0.02, 0.0, 0.0))
     problem(floor, along)
     # Rollers leave x free: nothing to disagree on.
-    problem(held(FLOOR, UP, (0.0, 0.0, 0.01)), slope)
+    problem(support_of(FLOOR, UP, (0.0, 0.0, 0.01)), slope)
     twice = dataclasses.replace(slope, displacement=(0.0, 0.0, 0.01))
     assert refused(slope, twice).supports == (1, 2)
 
@@ -155,9 +155,9 @@ def test_in_motion_every_time_counts() -> None:
         TabularAmplitude((0.0, t, 1.0), (0.0, 1.0, 1.0), is_smooth=True) for t in (0.2, 0.5)
     )
     lift = (0.0, 0.0, 0.01)
-    one = held(ROOT, displacement=lift)
+    one = support_of(ROOT, displacement=lift)
     both = [dataclasses.replace(one, amplitude=a) for a in (ramp, late)]
-    other = held(FLOOR, UP, lift)
+    other = support_of(FLOOR, UP, lift)
     error = refused(both[0], dataclasses.replace(other, amplitude=late), time=time)
     # The middle of the first stretch: half of one lift, 0.1 s into the other's half second.
     assert error.time == pytest.approx(0.1)
@@ -181,13 +181,13 @@ def test_facets_inside_the_body_are_refused() -> None:
     for what, given in (
         ("facets of load 1", {"loads": (Pressure(facets, 1.0),)}),
         ("facets of load 1", {"loads": (Traction(facets, (1.0, 0.0, 0.0)),)}),
-        ("facets of support 2", {"supports": (held(FLOOR), held(facets))}),
+        ("facets of support 2", {"supports": (support_of(FLOOR), support_of(facets))}),
         (
             "contact_facets of tool 1",
             {"tools": (dataclasses.replace(plate, contact_facets=facets),)},
         ),
     ):
-        reported = {"supports": (held(FLOOR),), "loads": ()} | given
+        reported = {"supports": (support_of(FLOOR),), "loads": ()} | given
         with pytest.raises(FacetNotOnBoundaryError, match=what) as caught:
             Problem(MESH, SOFT, **reported)
         assert caught.value.rows == [len(ROOT)]
@@ -198,5 +198,5 @@ def test_facets_inside_the_body_are_refused() -> None:
 def test_a_facet_twice_is_refused_whatever_its_corners_order() -> None:
     twice = np.vstack([ROOT, ROOT[:1, [1, 2, 0]]])
     with pytest.raises(FacetNotOnBoundaryError, match="given twice") as caught:
-        Problem(MESH, SOFT, (held(FLOOR),), (Traction(twice, (1.0, 0.0, 0.0)),))
+        Problem(MESH, SOFT, (support_of(FLOOR),), (Traction(twice, (1.0, 0.0, 0.0)),))
     assert caught.value.rows == [len(ROOT)]

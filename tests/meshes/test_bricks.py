@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 
 
 def test_boxes_fill_their_volume_with_good_cells():
@@ -18,7 +18,7 @@ def test_a_side_is_held_with_its_corners_and_rollers_slide_in_their_plane():
     bottom = side(mesh, 2, 0.0)
     # Two triangles on each of 2 x 3 bricks, on 3 x 4 points.
     assert bottom.shape == (12, 3)
-    support = held(bottom, displacement=(0.0, 0.0, -0.1))
+    support = support_of(bottom, displacement=(0.0, 0.0, -0.1))
     assert len(support.points) == 12
     assert (mesh.points[support.points, 2] == 0.0).all()
     assert support.displacement == (0.0, 0.0, -0.1)

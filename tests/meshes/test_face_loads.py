@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.face_loads import (
     Profile,
@@ -132,7 +132,7 @@ def test_torsion_and_bending_are_the_stresses_of_the_books():
 
 
 def problem_of(load: Traction) -> Problem:
-    return Problem(MESH, Material(1e3, 0.3), (held(side(MESH, 0, 0.0)),), (load,))
+    return Problem(MESH, Material(1e3, 0.3), (support_of(side(MESH, 0, 0.0)),), (load,))
 
 
 @pytest.mark.parametrize("is_mirror", [False, True])

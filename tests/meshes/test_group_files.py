@@ -17,11 +17,11 @@ from palpate.meshes.tet_mesh import TetMesh
 def grouped() -> TetMesh:
     """Two sides, one of them in two groups, points, and parts."""
     mesh = brick_box((3, 2, 2), (3.0, 1.0, 1.0 / 3.0), ragged=0.2)
-    held = side(mesh, 0, 0.0)
+    fixed = side(mesh, 0, 0.0)
     return TetMesh(
         mesh.points,
         mesh.cells,
-        {"held": held, "half": held[::2], "end": side(mesh, 0, 3.0)},
+        {"held": fixed, "half": fixed[::2], "end": side(mesh, 0, 3.0)},
         {"corner": [0], "some points": [3, 7, 5]},
         {"first": [0, 1, 2, 5], "second": [9]},
     )

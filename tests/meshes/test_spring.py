@@ -47,8 +47,8 @@ def test_every_facet_that_has_a_weight_is_held(mesh: TetMesh) -> None:
     spring = Spring.on(mesh, center, radius, 40.0, PATH)
     on_top = side(mesh, 2, 0.02)
     has_weight = (spring.weights(mesh.points[on_top]) > 0.0).any(axis=1)
-    held = {tuple(row) for row in np.sort(spring.facets, axis=1).tolist()}
-    assert {tuple(row) for row in np.sort(on_top[has_weight], axis=1).tolist()} <= held
+    fixed = {tuple(row) for row in np.sort(spring.facets, axis=1).tolist()}
+    assert {tuple(row) for row in np.sort(on_top[has_weight], axis=1).tolist()} <= fixed
     for _ in range(2):
         assert area(mesh, spring.densities(mesh.points), spring.facets) == pytest.approx(40.0)
         problem = refine_problem(Problem(mesh, Material(1e4, 0.3), (), (), springs=(spring,)))
@@ -107,8 +107,8 @@ def test_paths_and_facets_that_are_refused(mesh: TetMesh) -> None:
         AnchorPath([0.0], np.zeros((2, 3)))
     spring = Spring.on(mesh, (0.4, 0.3, 0.02), 0.15, 40.0, PATH)
     inner = dataclasses.replace(spring, facets=mesh.cells[:1, :3])
-    held = np.unique(side(mesh, 0, 0.0)).astype(np.int32)
+    fixed = np.unique(side(mesh, 0, 0.0)).astype(np.int32)
     with pytest.raises((FacetNotOnBoundaryError, InputError)):
-        Problem(mesh, Material(1e4, 0.3), (Support(held),), (), springs=(inner,))
+        Problem(mesh, Material(1e4, 0.3), (Support(fixed),), (), springs=(inner,))
     with pytest.raises(InputError, match="between 0 and 1"):
         dataclasses.replace(spring, amplitude=TabularAmplitude((0.0,), (2.0,)))

@@ -12,7 +12,7 @@ from palpate.meshes import transforms
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -39,7 +39,7 @@ def test_every_kind_of_load_is_multiplied_and_nothing_else():
         Pressure(top, 5.0),
         PointForce(np.array([7], dtype=np.int32), np.array([[0.0, 0.0, 7.0]])),
     )
-    foot = held(side(mesh, 2, 0.0), displacement=(0.1, 0.0, 0.0))
+    foot = support_of(side(mesh, 2, 0.0), displacement=(0.1, 0.0, 0.0))
     problem = Problem(mesh, Material(1.0, 0.3), (foot,), loads)
     body, traction, pressure, point = scale_loads(problem, 0.5).loads
     assert body.force_density == (0.5, 0.0, -1.0)  # type: ignore[union-attr]

@@ -180,14 +180,14 @@ def test_it_travels_to_a_child_process_and_back(box):
     assert found.bar("displacement_l2") <= 0.2
 
 
-def pressed(mesh, shape, depth, held):
+def pressed(mesh, shape, depth, fixed):
     """A tool that goes down onto the middle of the top of a body of height 1."""
     above = 1.0 + getattr(shape, "radius", 0.0)
     positions = np.array([[1.0, 1.0, above], [1.0, 1.0, above - depth]])
     upside_down = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
     path = ToolPath([0.0, 1.0], positions, upside_down)
     tool = RigidTool(shape, path, contact_facets=mesh.facet_groups["z1"])
-    return Problem(mesh, MATERIAL, held, (), tools=(tool,))
+    return Problem(mesh, MATERIAL, fixed, (), tools=(tool,))
 
 
 @pytest.mark.dolfinx
@@ -206,8 +206,8 @@ def test_the_force_on_a_plate_that_presses_evenly_is_known_at_once(box):
 @pytest.mark.parametrize(("strain", "bar"), [(Strain.LINEAR, 0.05), (Strain.GREEN, 0.12)])
 def test_the_bar_of_a_tool_s_force_holds_against_a_much_finer_truth(box, strain, bar):
     mesh = box((4, 4, 2), (2.0, 2.0, 1.0))
-    held = (support(mesh, "z0"),)
-    problem = pressed(mesh, SphereShape(1.0), 0.1, held)
+    fixed = (support(mesh, "z0"),)
+    problem = pressed(mesh, SphereShape(1.0), 0.1, fixed)
 
     def solve(bar):
         return solve_adaptively(problem, [Goal(Quantity.TOOL_FORCE, bar)], strain=strain)

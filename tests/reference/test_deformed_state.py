@@ -239,8 +239,8 @@ def test_forces_of_supports_balance_the_loads(kind, strain):
 def test_a_pressure_that_follows_and_a_tool_are_carried_too(box, kind):
     mesh = box((2, 2, 2), jitter=0.1)
     loads = (Pressure(mesh.facet_groups["x1"], 100.0),)
-    held = (support(mesh, "z0"),)
-    result = solve_static(Problem(mesh, MATERIAL, held, loads), **KINDS[kind])
+    fixed = (support(mesh, "z0"),)
+    result = solve_static(Problem(mesh, MATERIAL, fixed, loads), **KINDS[kind])
     top = mesh.points[mesh.facet_groups["x1"]] + result.displacement[mesh.facet_groups["x1"]]
     area = np.cross(top[:, 1] - top[:, 0], top[:, 2] - top[:, 0]).sum(axis=0) / 2
     carried = result.support_forces[0]
@@ -253,7 +253,7 @@ def test_a_pressure_that_follows_and_a_tool_are_carried_too(box, kind):
     path = np.array([[0.5, 0.5, 1.0], [0.5, 0.5, 0.9]])
     turns = np.tile((0.0, 1.0, 0.0, 0.0), (2, 1))
     tool = RigidTool(PlaneShape(), ToolPath(np.array([0.0, 1.0]), path, turns))
-    result = solve_static(Problem(mesh, MATERIAL, held, (), tools=(tool,)), **KINDS[kind])
+    result = solve_static(Problem(mesh, MATERIAL, fixed, (), tools=(tool,)), **KINDS[kind])
     felt = np.array(result.tools[0].forces[-1])
     assert felt[2] > 100.0
     assert np.abs(result.support_forces[0] - felt).max() <= 1e-7 * felt[2]

@@ -22,7 +22,7 @@ MATERIAL = Material(3000.0, 0.3, 1000.0)
 STRETCH = np.diag([0.02, -0.01, 0.03])
 
 
-def held(mesh, *, tools=(), springs=()):
+def fixed(mesh, *, tools=(), springs=()):
     return Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=tools, springs=springs)
 
 
@@ -43,7 +43,7 @@ def longest_edge(mesh, near):
 def test_the_mesh_is_cut_where_the_tool_is_at_the_end(box):
     mesh = box((2, 2, 2))
     moved = mesh.points @ STRETCH
-    problem = held(mesh, tools=(ball(0.3, 0.95),))
+    problem = fixed(mesh, tools=(ball(0.3, 0.95),))
     finer, there, case_cell = first_mesh(problem, moved)
     assert longest_edge(mesh, ((0.5, 0.5, 1.0), 0.2)) > 0.49
     # The circle through a right triangle's corners is half of its longest edge wide.
@@ -62,7 +62,7 @@ def test_the_mesh_is_cut_where_the_tool_is_at_the_end(box):
 def test_the_mesh_is_cut_in_the_patch_of_a_spring(box):
     mesh = box((2, 2, 2))
     spring = Spring.on(mesh, (0.5, 0.5, 1.0), 0.3, 50.0, AnchorPath([0.0], [[0.0, 0.0, 0.1]]))
-    finer, _, _ = first_mesh(held(mesh, springs=(spring,)), np.zeros_like(mesh.points))
+    finer, _, _ = first_mesh(fixed(mesh, springs=(spring,)), np.zeros_like(mesh.points))
     assert longest_edge(finer.mesh, ((0.5, 0.5, 1.0), 0.2)) <= 2.0 * 0.43 * 0.3
     # A third of the force was missing or too much: the weights of one vertex, no less.
     (patch,) = finer.springs
@@ -71,7 +71,7 @@ def test_the_mesh_is_cut_in_the_patch_of_a_spring(box):
 
 def test_a_mesh_that_is_fine_enough_is_left(box):
     mesh = box((2, 2, 2))
-    problem = held(mesh, tools=(ball(3.0, 0.95),))
+    problem = fixed(mesh, tools=(ball(3.0, 0.95),))
     same, there, case_cell = first_mesh(problem, mesh.points @ STRETCH)
     assert same is problem
     np.testing.assert_array_equal(there, mesh.points @ STRETCH)
@@ -104,7 +104,7 @@ def test_of_two_equilibria_the_one_beside_the_start_is_found(box):
 def test_from_a_start_that_leads_nowhere_the_load_is_raised(box):
     mesh = box((2, 2, 2))
     spring = Spring.on(mesh, (0.5, 0.5, 1.0), 0.9, 50.0, AnchorPath([0.0], [[0.1, 0.0, 0.3]]))
-    problem = held(mesh, springs=(spring,))
+    problem = fixed(mesh, springs=(spring,))
     led = solve_static(problem)
     wild = np.random.default_rng(1).standard_normal(mesh.points.shape)
     for start in (wild, 0.9 * led.displacement):
@@ -117,7 +117,7 @@ def test_from_a_start_that_leads_nowhere_the_load_is_raised(box):
 def test_the_truth_begins_on_a_mesh_that_sees_the_tool(box, strain):
     """On the case's own mesh a ball as small as a facet sinks in between the nodes."""
     mesh = box((2, 2, 1))
-    problem = held(mesh, tools=(ball(0.35, 0.93),))
+    problem = fixed(mesh, tools=(ball(0.35, 0.93),))
     goal, start = [Goal(Quantity.TOOL_FORCE, 0.3)], np.zeros_like(mesh.points)
     once = Budget(unknowns=1.0)
     found = solve_adaptively(problem, goal, strain=strain, start=start, budget=once)

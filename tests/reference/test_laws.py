@@ -48,10 +48,10 @@ def test_small_strains_are_hookes(box, law):
 @LAWS
 def test_implicit_motion_is_the_explicit_one(box, law):
     mesh = box((2, 1, 1), jitter=0.0)
-    held = support(mesh, "x0")
+    fixed = support(mesh, "x0")
     pull = Traction(mesh.facet_groups["x1"], (0.0, 0.0, -400.0))
     span = TimeSpan(0.5, 2e-3, num_outputs=5)
-    problem = Problem(mesh, material(law), (held,), (pull,), span)
+    problem = Problem(mesh, material(law), (fixed,), (pull,), span)
     explicit = simulate_explicit(problem).displacements
     implicit = simulate_implicit(problem, degree=1, is_mass_lumped=True).displacements
     largest = np.abs(explicit).max()

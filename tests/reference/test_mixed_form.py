@@ -133,12 +133,12 @@ def test_a_plane_presses_two_materials_side_by_side(box):
 def test_a_ball_presses_tissue_without_locking(box):
     """The force is the slope of the energy, and the plain form's is too large on the same mesh."""
     mesh = box((4, 4, 3), jitter=0.1)
-    held, nu = (support(mesh, "z0"),), 0.499
+    fixed, nu = (support(mesh, "z0"),), 0.499
 
     def press(depth, form):
         positions = np.array([[0.5, 0.5, 1.5], [0.5, 0.5, 1.5 - depth]])
         ball = RigidTool(SphereShape(0.5), ToolPath(np.arange(2.0), positions))
-        problem = Problem(mesh, Material(1e4, nu), held, (), tools=(ball,))
+        problem = Problem(mesh, Material(1e4, nu), fixed, (), tools=(ball,))
         result = solve_static(problem, degree=2, formulation=form)
         return result.tools[0].forces[-1][2], result.strain_energy
 

@@ -14,7 +14,7 @@ import pytest
 from bank import fixed, support
 
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
@@ -136,7 +136,7 @@ def membrane(count, thickness, grading=1):
     )
     tapered = np.column_stack([48.0 * x, 44.0 * x + y * (44.0 - 28.0 * x), z])
     plates = rollers(mesh, ((2, 0.0), (2, thickness)))
-    supports = (held(side(mesh, 0, 0.0)), *plates)
+    supports = (support_of(side(mesh, 0, 0.0)), *plates)
     shear = Traction(side(mesh, 0, 1.0), (0.0, 1e-3 * 100.0 / 16.0, 0.0))
     mesh = dataclasses.replace(mesh, points=tapered)
     return Problem(mesh, Material(240.565, 0.499), supports, (shear,))

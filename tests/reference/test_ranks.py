@@ -169,8 +169,8 @@ def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_
             np.linspace(0.0, time.end_time, len(positions)) if time else [0.0], positions
         )
         tool = RigidTool(shape, path, drive=drive)
-        held = (support(mesh, "z0"),)
-        problem = Problem(mesh, Material(1e4, 0.3, 1e3), held, (), time, tools=(tool,))
+        fixed = (support(mesh, "z0"),)
+        problem = Problem(mesh, Material(1e4, 0.3, 1e3), fixed, (), time, tools=(tool,))
         save_problem(tmp_path / f"{name}.npz", problem)
 
     # Over the whole of the top, over one end of it, and far to a side.

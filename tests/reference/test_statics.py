@@ -82,14 +82,14 @@ def affine_by_tractions(mesh: TetMesh, gradient, strain):
     loads = tuple(Traction(mesh.facet_groups[f], tuple(t)) for f, t in normals.items())
     at = lambda *x: int(np.flatnonzero(np.all(mesh.points == x, axis=1))[0])  # noqa: E731
     affine = mesh.points @ gradient.T
-    held = [  # 3-2-1: origin, then y and z on the x axis, then z on the y axis
+    fixed = [  # 3-2-1: origin, then y and z on the x axis, then z on the y axis
         (at(0, 0, 0), (True, True, True)),
         (at(1, 0, 0), (False, True, True)),
         (at(0, 1, 0), (False, False, True)),
     ]
     supports = tuple(
         Support(np.array([p], dtype=np.int32), components=c, displacement=tuple(affine[p]))
-        for p, c in held
+        for p, c in fixed
     )
     return Problem(mesh, MATERIAL, supports, loads), affine
 
@@ -130,10 +130,10 @@ def test_a_dead_load_is_not_a_follower(box):
     mesh = box(jitter=0.2)
     stretch = 1.05
     t = stretch * (3 * LMBDA + 2 * MU) * (stretch**2 - 1) / 2
-    held, _ = affine_by_tractions(mesh, (stretch - 1) * np.eye(3), Strain.GREEN)
-    result = solve_static(held)
+    fixed, _ = affine_by_tractions(mesh, (stretch - 1) * np.eye(3), Strain.GREEN)
+    result = solve_static(fixed)
     assert np.max(np.abs(result.displacement - (stretch - 1) * mesh.points)) <= CLOSED
-    followed = Problem(mesh, MATERIAL, held.supports, (Pressure(mesh.boundary_facets, -t),))
+    followed = Problem(mesh, MATERIAL, fixed.supports, (Pressure(mesh.boundary_facets, -t),))
     other = solve_static(followed)
     assert np.max(np.abs(other.displacement - result.displacement)) > 1e-3
 
@@ -182,26 +182,26 @@ def test_reactions_carry_the_loads(box):
     result = solve_static(Problem(mesh, MATERIAL, (support(mesh, "x0"),), loads))
     forces = internal_force(mesh, result.displacement, material=MATERIAL)
     applied = pull[0] + 0.09 * np.array([0.0, 3.0, -50.0]) + 0.3 * np.array([5.0, 0.0, -7.0])
-    held = np.unique(mesh.facet_groups["x0"])
-    free = np.setdiff1d(np.arange(mesh.num_points), held)
+    fixed = np.unique(mesh.facet_groups["x0"])
+    free = np.setdiff1d(np.arange(mesh.num_points), fixed)
     # What the nodes carry outside the support is the load's share there; reactions are the rest.
     assert np.abs(forces.sum(axis=0)).max() <= 1e-10 * np.abs(applied).max()
-    share = mesh_share(mesh, held, pull[0], tip)
+    share = mesh_share(mesh, fixed, pull[0], tip)
     assert np.allclose(forces[free].sum(axis=0), applied - share, rtol=0.0, atol=1e-7)
 
 
-def mesh_share(mesh, held, pull, tip):
+def mesh_share(mesh, fixed, pull, tip):
     """Part of the three loads that lands on held nodes, by their shares of volume and area."""
     from palpate.meshes.tet_mesh import signed_volumes
 
     volumes = signed_volumes(mesh.points, mesh.cells)
-    on_held = np.isin(mesh.cells, held).sum(axis=1) / 4
+    on_held = np.isin(mesh.cells, fixed).sum(axis=1) / 4
     facets = mesh.facet_groups["z1"]
     a, b, c = (mesh.points[facets[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    area = (areas * np.isin(facets, held).sum(axis=1) / 3).sum()
+    area = (areas * np.isin(facets, fixed).sum(axis=1) / 3).sum()
     share = (volumes * on_held).sum() * np.array([0.0, 3.0, -50.0])
-    return share + area * np.array([5.0, 0.0, -7.0]) + (pull if tip in held else 0.0)
+    return share + area * np.array([5.0, 0.0, -7.0]) + (pull if tip in fixed else 0.0)
 
 
 @pytest.mark.parametrize("push", [-1.0, -1e3])

@@ -168,8 +168,8 @@ def test_the_whole_of_it_is_the_radial_equations_within_the_bar(law):
         z = mesh.points[:, 2]
         moved = cylinder.moved(mesh.points)
         ends = np.flatnonzero((z < 1e-9) | (z > 1.0 - 1e-9))
-        held = tuple(Support(np.array([p]), displacement=tuple(moved[p].tolist())) for p in ends)
-        state = solve_static(Problem(mesh, cylinder.material, held, ()), degree=1)
+        fixed = tuple(Support(np.array([p]), displacement=tuple(moved[p].tolist())) for p in ends)
+        state = solve_static(Problem(mesh, cylinder.material, fixed, ()), degree=1)
         side = np.hypot(*mesh.points[:, :2].T) > 1.0 - 1e-9
         position = mesh.points + state.displacement
         radius = np.hypot(*position[side & (np.abs(z - 0.5) < 1e-9), :2].T)
@@ -207,11 +207,11 @@ def test_a_block_of_it_is_the_radial_equations(box, law):
         unit = box((count,) * 3, (size,) * 3)
         mesh = TetMesh(unit.points + corner, unit.cells)
         moved = cylinder.moved(mesh.points)
-        held = tuple(
+        fixed = tuple(
             Support(np.array([p]), displacement=tuple(moved[p].tolist()))
             for p in np.unique(mesh.boundary_facets)
         )
-        found = solve_static(Problem(mesh, cylinder.material, held, ()), degree=1)
+        found = solve_static(Problem(mesh, cylinder.material, fixed, ()), degree=1)
         errors.append(np.abs(found.displacement - moved).max() / np.abs(moved).max())
         energies.append(found.strain_energy / exact - 1.0)
     # Linear tetrahedra: a quarter of the error where cells are halved.

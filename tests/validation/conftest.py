@@ -72,12 +72,12 @@ def problem() -> Problem:
     mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.2)
     facets = mesh.boundary_facets
     x = mesh.points[facets][:, :, 0]
-    held = facets[(x < 1e-9).all(axis=1)]
+    fixed = facets[(x < 1e-9).all(axis=1)]
     pulled = facets[(x > 2.0 - 1e-9).all(axis=1)]
     return Problem(
         mesh,
         Material(1000.0, 0.3),
-        (Support(np.unique(held).astype(np.int32), held),),
+        (Support(np.unique(fixed).astype(np.int32), fixed),),
         (Traction(pulled, (60.0, 20.0, -10.0)),),
     )
 

@@ -14,7 +14,7 @@ from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.schemes import Steps, read_integrator
 from palpate.validation.exchange.case_folder import case_key
-from palpate.validation.exchange.placement import Placed, position
+from palpate.validation.exchange.placement import MatchedResult, match_points
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
@@ -34,41 +34,41 @@ def state_of_result(
     """What a simulator sent, as a state of the problem: its last one where it has times.
 
     Raises:
-        ResultFileError: It is of another case, cannot be placed, or its times do not fit.
+        ResultFileError: It is of another case, cannot be matched, or its times do not fit.
         CandidateFailedError: NaN, or a body of quite another size.
     """
     if result.case_key and result.case_key != case_key(problem, strain):
         raise ResultFileError(
             result.path, "answers another case (its `case_key` differs): run it again"
         )
-    placed = position(result, problem)
+    matched = match_points(result, problem)
     stated = dict(result.about)
     is_smoothed = stated.get("element") == Element.SMOOTHED
     state = make_state(
         problem.mesh,
-        placed.displacement[-1],
+        matched.displacement[-1],
         label=name,
         simulator=name,
         strain=strain,
         seconds=seconds,
         details=details or {},
-        remarks=placed.notes,
+        remarks=matched.notes,
         tool_forces=_tool_forces(result, stated.pop("tool_forces", None)),
         element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
         says=stated,
-        sent_stress=placed.cauchy_stress if placed.own_mesh is None else None,
+        sent_stress=matched.cauchy_stress if matched.own_mesh is None else None,
         steps=_steps(result, problem),
     )
     if problem.time is not None:
-        return _with_motion(state, problem.mesh, problem.time, result, placed)
-    if placed.own_mesh is None or placed.own_displacement is None:
+        return _with_motion(state, problem.mesh, problem.time, result, matched)
+    if matched.own_mesh is None or matched.own_displacement is None:
         return state
-    own = OwnMesh(placed.own_mesh, placed.own_displacement, placed.cauchy_stress)
+    own = OwnMesh(matched.own_mesh, matched.own_displacement, matched.cauchy_stress)
     return with_own_mesh(state, problem.mesh, own)
 
 
 def _with_motion(
-    state: State, mesh: TetMesh, span: TimeSpan, result: ResultFile, placed: Placed
+    state: State, mesh: TetMesh, span: TimeSpan, result: ResultFile, matched: MatchedResult
 ) -> State:
     """A dynamic case's trajectory at its output times: the states sent, or read between them.
 
@@ -83,22 +83,22 @@ def _with_motion(
             result.path,
             f"needs `times` from 0 to {span.end_time:g} s, (num_times,), with their displacement",
         )
-    read = read_at(given, placed.displacement, wanted, slack=slack)
+    read = read_at(given, matched.displacement, wanted, slack=slack)
     states = [
         dataclasses.replace(
             state, trajectory=Trajectory(wanted, motion), **measures_of(mesh, motion[-1])
         )
         for motion in (read.states, read.others)
     ]
-    if placed.own_mesh is not None and placed.own_displacement is not None:
-        end = read_at(given, placed.own_displacement, wanted[-1:], slack=slack)
+    if matched.own_mesh is not None and matched.own_displacement is not None:
+        end = read_at(given, matched.own_displacement, wanted[-1:], slack=slack)
         for k, last in enumerate((end.states, end.others)):
-            there = _to_the_end(given, placed.own_displacement, last, wanted[-1], slack)
-            own = OwnMesh(placed.own_mesh, there.displacements, placed.cauchy_stress)
+            there = _to_the_end(given, matched.own_displacement, last, wanted[-1], slack)
+            own = OwnMesh(matched.own_mesh, there.displacements, matched.cauchy_stress)
             states[k] = with_own_mesh(states[k], mesh, own)
     return dataclasses.replace(
         states[0],
-        sent=_to_the_end(given, placed.displacement, read.states[-1:], wanted[-1], slack),
+        sent=_to_the_end(given, matched.displacement, read.states[-1:], wanted[-1], slack),
         other_reading=None if read.were_sent.all() else states[1],
         remarks=(*state.remarks, *_remarks_on_times(given, read, span.end_time + slack)),
     )

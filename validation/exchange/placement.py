@@ -40,7 +40,7 @@ _OTHER_UNIT = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class MatchedResult:
     """A result at the points of a case.
 
     Attributes:
@@ -58,7 +58,7 @@ class Placed:
     cauchy_stress: Floats | None = None
 
 
-def position(result: ResultFile, problem: Problem) -> Placed:
+def match_points(result: ResultFile, problem: Problem) -> MatchedResult:
     """Bring a result to the case's points.
 
     Raises:
@@ -89,7 +89,7 @@ def position(result: ResultFile, problem: Problem) -> Placed:
         order, notes = matched
     values = result.values if order is None else result.values[:, order]
     moved = values - mesh.points if result.are_positions else values
-    return Placed(moved, notes, cauchy_stress=_stress_of_cells(result, mesh, order))
+    return MatchedResult(moved, notes, cauchy_stress=_stress_of_cells(result, mesh, order))
 
 
 def _require_finite(result: ResultFile) -> None:
@@ -200,7 +200,9 @@ def _stress_of_cells(result: ResultFile, mesh: TetMesh, order: Rows | None) -> F
     return ordered
 
 
-def _on_own_mesh(result: ResultFile, points: Points, case: TetMesh, tolerance: float) -> Placed:
+def _on_own_mesh(
+    result: ResultFile, points: Points, case: TetMesh, tolerance: float
+) -> MatchedResult:
     """A result on a mesh of its own, and read from it at the case's points.
 
     Points that no cell uses are left out; points at one position that move together are one; cells
@@ -251,7 +253,7 @@ def _on_own_mesh(result: ResultFile, points: Points, case: TetMesh, tolerance: f
         f"case's points ({outside} of them up to {case_points.distances.max():.2g} m outside of "
         "it)."
     )
-    return Placed(read, (note, *notes), mesh, moved, result.cauchy_stress)
+    return MatchedResult(read, (note, *notes), mesh, moved, result.cauchy_stress)
 
 
 def _first_at_position(points: Points, tolerance: float) -> Rows:

@@ -21,10 +21,10 @@ from palpate.fastsim.condensed import condense, solve_condensed
 from palpate.fastsim.forces import external_force
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
-from palpate.validation.exchange.placement import position
+from palpate.validation.exchange.placement import match_points
 from palpate.validation.peers.registry import read_peers
 from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
 from palpate.validation.references.runs import solve_state
@@ -76,7 +76,7 @@ def make_problem(divisions: int) -> Problem:
     """The bar with `divisions` bricks across and four times as many along."""
     mesh = brick_box((4 * divisions, divisions, divisions), SIZE)
     load = Traction(side(mesh, 0, SIZE[0]), (0.0, 0.0, -TRACTION))
-    return Problem(mesh, Material(2e4, 0.3, 1000.0), (held(side(mesh, 0, 0.0)),), (load,))
+    return Problem(mesh, Material(2e4, 0.3, 1000.0), (support_of(side(mesh, 0, 0.0)),), (load,))
 
 
 def compute(progress: Progress) -> Runs:
@@ -156,10 +156,10 @@ def _run_peer(
     """Run a simulator; `ours` is fastsim's solution on the same mesh, None for other equations."""
     result, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = result.about
-    placed = position(result, problem)
-    found, mesh, own = placed.displacement[0], problem.mesh, placed.displacement
-    if placed.own_mesh is not None and placed.own_displacement is not None:
-        mesh, own = placed.own_mesh, placed.own_displacement
+    matched = match_points(result, problem)
+    found, mesh, own = matched.displacement[0], problem.mesh, matched.displacement
+    if matched.own_mesh is not None and matched.own_displacement is not None:
+        mesh, own = matched.own_mesh, matched.own_displacement
     law = str(about["law"])
     return Row(
         str(about["tool"]),

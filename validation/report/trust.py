@@ -299,14 +299,14 @@ def _place(result: CaseResult, point: int, moved: Floats) -> str:
     if moved[point] >= _MOST * moved.max():
         return "where the body moves most"
     problem = result.problem
-    held = [support.points for support in problem.supports]
+    fixed = [support.points for support in problem.supports]
     loaded = [
         rows
         for load in problem.loads
         for part in ("facets", "points")
         if (rows := getattr(load, part, None)) is not None
     ]
-    if _is_near(result, point, held):
+    if _is_near(result, point, fixed):
         return "at the support"
     return "at the load" if _is_near(result, point, loaded) else "between load and support"
 

@@ -31,7 +31,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
@@ -218,7 +218,7 @@ def follow_block(
     """
     mesh = brick_box((2 * bricks, bricks, bricks), (2.0, 1.0, 1.0), ragged=0.1)
     load = Traction(side(mesh, 0, 2.0), (0.0, 0.01, -0.02))
-    problem = Problem(mesh, MATERIAL, (held(side(mesh, 0, 0.0)),), (load,))
+    problem = Problem(mesh, MATERIAL, (support_of(side(mesh, 0, 0.0)),), (load,))
     longest = 0.8 * Body(mesh, MATERIAL).critical_time_step_bound()
     between = end_time / _OUTPUTS
     counts = [math.ceil(between / longest) * 2**k for k in range(halvings + 1)]

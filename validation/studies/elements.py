@@ -25,7 +25,7 @@ import numpy as np
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
@@ -147,7 +147,7 @@ def make_bar(
     mesh = brick_box((along, divisions, divisions), size, ragged=ragged)
     load = Traction(side(mesh, 0, size[0]), (0.0, 0.0, -TRACTION))
     material = Material(2e4, poissons_ratio, 1000.0)
-    return Problem(mesh, material, (held(side(mesh, 0, 0.0)),), (load,))
+    return Problem(mesh, material, (support_of(side(mesh, 0, 0.0)),), (load,))
 
 
 def solve_truth(problem: Problem, progress: Progress) -> FieldTruth:

@@ -28,7 +28,7 @@ from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem
@@ -333,7 +333,7 @@ def push_scene() -> Scene:
     mesh = mesh_surface(shape_kidney(edge_length=COARSE_EDGE))
     facets = mesh.boundary_facets
     corners = mesh.points[facets]
-    foot = held(facets[(corners[:, :, 2] <= 0.0).all(axis=1)])
+    foot = support_of(facets[(corners[:, :, 2] <= 0.0).all(axis=1)])
     middle = mesh.points[np.argmax(mesh.points @ np.array([1.0, 0.0, 0.6]))]
     near = np.linalg.norm(corners.mean(axis=1) - middle, axis=1) < PATCH_RADIUS
     a, b, c = corners[near].transpose(1, 0, 2)

@@ -64,8 +64,8 @@ def _response(problem: Problem, state: State) -> Response:
 
 def probe_of(problem: Problem) -> int:
     """The point farthest from the middle of the held ones; refinement keeps its number."""
-    held = np.unique(np.concatenate([s.points for s in problem.supports]))
-    middle = problem.mesh.points[held].mean(axis=0)
+    fixed = np.unique(np.concatenate([s.points for s in problem.supports]))
+    middle = problem.mesh.points[fixed].mean(axis=0)
     return int(np.linalg.norm(problem.mesh.points - middle, axis=1).argmax())
 
 

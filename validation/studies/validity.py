@@ -32,7 +32,7 @@ from palpate.fastsim.errors import EquilibriumLostError
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
@@ -189,13 +189,13 @@ def make_body(
         mesh = brick_box((max(2, round(n * L)), max(2, n // 3), n), (L, 1.0, 1.0))
         # I = 1/12, and the end has an area of 1.
         push = Traction(side(mesh, 0, L), (0.0, 0.0, -load / (12.0 * L * L)))
-        return Problem(mesh, material, (held(side(mesh, 0, 0.0)),), (push,))
+        return Problem(mesh, material, (support_of(side(mesh, 0, 0.0)),), (push,))
     height = 2.0 if mode is Mode.TWIST else 1.0
     mesh = brick_box((n, n, round(n * height)), (1.0, 1.0, height))
     top = side(mesh, 2, height)
-    clamp = held(side(mesh, 2, 0.0))
+    clamp = support_of(side(mesh, 2, 0.0))
     if mode is Mode.SHEAR:
-        return Problem(mesh, material, (clamp, held(top, displacement=(load, 0.0, 0.0))), ())
+        return Problem(mesh, material, (clamp, support_of(top, displacement=(load, 0.0, 0.0))), ())
     if mode is Mode.TWIST:
         # Dead tractions around the axis of the bar, each facet its own.
         centres = mesh.points[top].mean(axis=1)

@@ -23,7 +23,7 @@ from calibration_recipe.shapes import confined_modulus
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.validation.metrics.difference import make_state
 from palpate.validation.states import Trajectory
@@ -123,7 +123,7 @@ def motion_problem(
     walls = rollers(mesh, ((2, 0.0), (2, width)))
     for position in (0.0, width):
         holds = (axis == 1, axis == 0, False)
-        walls += (held(side(mesh, 1, position), holds),)
+        walls += (support_of(side(mesh, 1, position), holds),)
     loads: tuple[BodyForce | Traction, ...] = ()
     if drive == "weight":
         loads = (BodyForce(along, rise),)

@@ -36,7 +36,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
-from palpate.meshes.bricks import held, rollers, side
+from palpate.meshes.bricks import rollers, side, support_of
 from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain
@@ -90,7 +90,7 @@ def extruded_problem(
         "top": side(rest, 2, top),
     }
     base = "under" if load == "bed" else "near"
-    supports: list[Support] = [held(facets[base]), *rollers(mesh, ((1, 0.0), (1, width)))]
+    supports: list[Support] = [support_of(facets[base]), *rollers(mesh, ((1, 0.0), (1, width)))]
     loads: tuple[Load, ...] = ()
     plane = PlaneLoads({base: _stay})
     if load in ("pull", "bend", "bed"):
@@ -106,20 +106,20 @@ def extruded_problem(
         loads = (Pressure(facets["top"], plane.pressures["top"]),)
     elif load in ("weight", "sag"):
         weight = (0.0, -e * h * (1.0 if load == "sag" else 1.0 / 3.0))
-        plane = PlaneLoads(plane.held, body=weight)
+        plane = PlaneLoads(plane.fixed, body=weight)
         loads = (BodyForce((0.0, 0.0, weight[1])),)
     if load == "sag":
-        plane.held["far"] = _stay
-        supports.append(held(facets["far"]))
+        plane.fixed["far"] = _stay
+        supports.append(support_of(facets["far"]))
     elif load == "shift":
         moved = (0.2 * e, -min(e / (3.0 * h), 0.15))
-        plane.held["far"] = lambda X, s: s * np.broadcast_to(moved, X.shape)
-        supports.append(held(facets["far"], displacement=(moved[0], 0.0, moved[1])))
+        plane.fixed["far"] = lambda X, s: s * np.broadcast_to(moved, X.shape)
+        supports.append(support_of(facets["far"], displacement=(moved[0], 0.0, moved[1])))
     elif load == "turn":
         angle = min(e / (2.0 * h), 0.4)
         on_far = np.unique(facets["far"])
         x, _, z = mesh.points[on_far].mean(axis=0).tolist()
-        plane.held["far"] = lambda X, s: (X - (x, z)) @ (_turn(s * angle) - np.eye(2)).T
+        plane.fixed["far"] = lambda X, s: (X - (x, z)) @ (_turn(s * angle) - np.eye(2)).T
         turn = Rotation((0.0, 1.0, 0.0), (x, 0.0, z), angle)
         supports.append(Support(on_far, facets["far"], rotation=turn))
     problem = Problem(mesh, material, tuple(supports), loads)

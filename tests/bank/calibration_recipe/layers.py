@@ -18,7 +18,7 @@ from calibration_recipe.answers import Answer, answer_of
 from calibration_recipe.shapes import confined_modulus
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.bricks import brick_box, rollers, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain
 
 _LENGTH, _BRICKS = 1.0, 4
@@ -53,7 +53,7 @@ def layer_problem(
     else:
         push = Traction(half, (0.0, 0.0, -size) if load == "press" else (size, 0.0, 0.0))
     sides = ((0, 0.0), (0, _LENGTH), (1, 0.0), (1, width))
-    under = held(side(mesh, 2, 0.0), (bottom == "bonded", bottom == "bonded", True))
+    under = support_of(side(mesh, 2, 0.0), (bottom == "bonded", bottom == "bonded", True))
     problem = Problem(mesh, material, (*rollers(mesh, sides), under), (push,))
     series = _Series(material, height, load, bottom == "bonded", size)
     return problem, Strain.LINEAR, answer_of(mesh, series, Strain.LINEAR, "Fourier series", 1e-5)

@@ -144,7 +144,7 @@ class PlaneLoads:
         body: Force per rest area of the section over its width [N/m3].
     """
 
-    held: dict[str, Callable[[Floats, float], Floats]]
+    fixed: dict[str, Callable[[Floats, float], Floats]]
     tractions: dict[str, tuple[float, float]] = field(default_factory=dict)
     pressures: dict[str, float] = field(default_factory=dict)
     body: tuple[float, float] = (0.0, 0.0)
@@ -211,7 +211,7 @@ class Plane:
         self.free = {"near": ~around[c - 1, r], "far": ~around[c + 1, r],
                      "under": ~around[c, r - 1], "top": ~around[c, r + 1]}  # fmt: skip
         self.is_fixed = np.zeros(self.grid.shape, dtype=bool)
-        for name in loads.held:
+        for name in loads.fixed:
             self.is_fixed[self._side(name)] = True
 
     def solve(self, start: Floats | None = None) -> Floats:
@@ -267,7 +267,7 @@ class Plane:
         u, last = start.copy(), np.inf
         for k in range(_MOST_ITERATIONS):
             jump = np.zeros_like(u)
-            for name, given in self.loads.held.items():
+            for name, given in self.loads.fixed.items():
                 side = self._side(name)
                 jump[side] = given(self.positions[side], factor) - u[side]
             change = self._step(u, jump, factor)

@@ -17,7 +17,7 @@ from calibration_recipe.answers import Answer, reported
 from calibration_recipe.shapes import BAR_THICKNESS, shape_mesh
 from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, Traction
-from palpate.meshes.bricks import held, side
+from palpate.meshes.bricks import side, support_of
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.metrics import WHOLE_BODY_METRICS
 
@@ -47,7 +47,7 @@ def slender_problem(*, nu: float, load: str, strain: str) -> tuple[Problem, Stra
         euler = (np.pi * h) ** 2 / 48.0
         part = float(load.removeprefix("push-")) / 100.0
         push = Traction(far, (-part * euler, 0.0, -0.002 * h**2))
-    supports = (held(side(mesh, 0, 0.0)),)
+    supports = (support_of(side(mesh, 0, 0.0)),)
     return Problem(mesh, Material(1.0, nu, 1.0), supports, (push,)), Strain(strain)
 
 

@@ -138,10 +138,10 @@ def _held_points(mesh: TetMesh) -> list[int]:
     return [first, second, int(np.abs(off[:, 2]).argmax())]
 
 
-def _turned(G: Floats, Q: Floats, T: Floats, held: Points) -> Floats:
+def _turned(G: Floats, Q: Floats, T: Floats, fixed: Points) -> Floats:
     """G and a small turn, such that what the second and third point are held along stays."""
-    u = _displacement(G, Q, T, held)
-    arms = held - held[0]
+    u = _displacement(G, Q, T, fixed)
+    arms = fixed - fixed[0]
     # u + omega x arm: y and z of the second point, z of the third.
     rows, right = [], []
     for k, i in ((1, 1), (1, 2), (2, 2)):

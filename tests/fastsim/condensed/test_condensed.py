@@ -31,7 +31,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
@@ -50,7 +50,7 @@ def body() -> Problem:
         mesh,
         Material(1e4, 0.45, 1000.0),
         (
-            held(side(mesh, 0, 0.0)),
+            support_of(side(mesh, 0, 0.0)),
             Support(np.unique(far).astype(np.int32), far, (True,) * 3, (1e-3, 0, 0), None, turn),
         ),
         (

@@ -17,7 +17,7 @@ from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import TabularAmplitude
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
@@ -54,7 +54,9 @@ def pressed(shape: ToolShape, height: float, quaternion: tuple[float, ...]) -> P
         np.array([quaternion, quaternion]),
     )
     tool = RigidTool(shape, path, contact_facets=side(mesh, 2, TOP))
-    return Problem(mesh, Material(1e4, 0.4, 1000.0), (held(side(mesh, 2, 0.0)),), (), tools=(tool,))
+    return Problem(
+        mesh, Material(1e4, 0.4, 1000.0), (support_of(side(mesh, 2, 0.0)),), (), tools=(tool,)
+    )
 
 
 @pytest.mark.parametrize("form", ContactForm)
@@ -123,7 +125,7 @@ def test_columns_kept_from_step_to_step_are_those_of_the_compliance() -> None:
     one = dataclasses.replace(plane, contact_facets=top)
     other = RigidTool(SphereShape(0.01), ToolPath([0.0], [[0.0, 0.0, 1.0]]), contact_facets=top)
     problem = dataclasses.replace(
-        problem, mesh=mesh, supports=(held(side(mesh, 2, 0.0)),), tools=(one, other)
+        problem, mesh=mesh, supports=(support_of(side(mesh, 2, 0.0)),), tools=(one, other)
     )
     steps = CondensedSteps(condense(problem))
     turned = np.diag([1.0, -1.0, -1.0]).ravel()

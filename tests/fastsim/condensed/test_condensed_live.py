@@ -14,7 +14,7 @@ from palpate.fastsim.condensed import (
 )
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.statics import solve_static
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import CapsuleShape, RigidTool, SphereShape, ToolPath
@@ -34,7 +34,7 @@ def block(shape: SphereShape | CapsuleShape = BALL) -> Problem:
     return Problem(
         mesh,
         Material(1e4, 0.4),
-        (held(side(mesh, 2, 0.0)),),
+        (support_of(side(mesh, 2, 0.0)),),
         (),
         tools=(tool,),
         springs=(spring,),

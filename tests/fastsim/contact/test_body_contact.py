@@ -141,9 +141,9 @@ def test_two_bodies_bounce(
 
 def test_a_folded_bar_rests_on_itself(make_box: MakeBox) -> None:
     mesh = folded_bar(make_box)
-    held = Support(np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32))
+    fixed = Support(np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32))
     span = TimeSpan(1.2, num_outputs=4, mass_damping=8.0)
-    problem = Problem(mesh, SOFT, (held,), (BodyForce((0.0, 0.0, -1000.0)),), span)
+    problem = Problem(mesh, SOFT, (fixed,), (BodyForce((0.0, 0.0, -1000.0)),), span)
 
     def deepest(law: ContactLaw | None) -> float:
         run = simulate(problem, body_contact=law, amplitude=smooth_ramp(0.6))

@@ -41,8 +41,8 @@ def pressed(
     count = 3 if aside else 2
     path = ToolPath(np.array([0.0, 0.5 * end, end])[:count], knots[:count])
     tool = RigidTool(BoxShape((ROW * (1.0 + margin), FAR, 0.25)), path, contact_facets=top)
-    held = (Support(np.unique(base).astype(np.int32), base),)
-    return Problem(mesh, Material(1e4, ratio), held, (), time, (tool,))
+    fixed = (Support(np.unique(base).astype(np.int32), base),)
+    return Problem(mesh, Material(1e4, ratio), fixed, (), time, (tool,))
 
 
 def under(problem: Problem) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:

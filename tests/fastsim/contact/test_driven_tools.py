@@ -30,11 +30,11 @@ def plate_on_a_column(force: float) -> Problem:
     """A column of 2 x 1 x 1 m at nu = 0 under a plate, of which the plane starts 0.1 m above."""
     mesh = brick_box((2, 2, 3), (1.0, 1.0, 2.0))
     bottom = side(mesh, 2, 0.0)
-    held = Support(np.unique(bottom).astype(np.int32), bottom)
+    fixed = Support(np.unique(bottom).astype(np.int32), bottom)
     path = ToolPath([3.0], [[0.0, 0.0, 2.1]], [[0.0, 1.0, 0.0, 0.0]])
     drive = ForceDrive(DOWN, force, ALWAYS, mass=1.0)
     tool = RigidTool(PlaneShape(), path, contact_facets=side(mesh, 2, 2.0), drive=drive)
-    return Problem(mesh, Material(1000.0, 0.0), (held,), (), tools=(tool,))
+    return Problem(mesh, Material(1000.0, 0.0), (fixed,), (), tools=(tool,))
 
 
 def ball_on_a_slab(

@@ -148,8 +148,8 @@ def test_a_plane_presses_a_column_evenly(make_box: MakeBox) -> None:
     rollers = []
     for axis in range(3):
         points = np.flatnonzero(mesh.points[:, axis] < 1e-9).astype(np.int32)
-        held = [k == axis for k in range(3)]
-        rollers.append(Support(points, components=(held[0], held[1], held[2])))
+        fixed = [k == axis for k in range(3)]
+        rollers.append(Support(points, components=(fixed[0], fixed[1], fixed[2])))
     top = np.flatnonzero((mesh.points[mesh.boundary_facets][:, :, 2] > 0.4 - 1e-9).all(axis=1))
     turned = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about x: the plane's outside is below
     path = ToolPath(

@@ -49,8 +49,8 @@ def slab(make_box: MakeBox) -> TetMesh:
 
 
 def standing(mesh: TetMesh, tool: RigidTool) -> Problem:
-    held = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
-    return Problem(mesh, SOFT, (Support(held),), (), tools=(tool,))
+    fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
+    return Problem(mesh, SOFT, (Support(fixed),), (), tools=(tool,))
 
 
 SPHERE = RigidTool(SphereShape(0.4), down([0.5, 0.5, 0.9], [0.0, 0.03, 0.06]))
@@ -62,8 +62,8 @@ def column(make_box: MakeBox, sink: float) -> Problem:
     rollers = []
     for axis in range(3):
         points = np.flatnonzero(mesh.points[:, axis] < 1e-9).astype(np.int32)
-        held = [k == axis for k in range(3)]
-        rollers.append(Support(points, components=(held[0], held[1], held[2])))
+        fixed = [k == axis for k in range(3)]
+        rollers.append(Support(points, components=(fixed[0], fixed[1], fixed[2])))
     half_turn = np.repeat([[0.0, 1.0, 0.0, 0.0]], 2, axis=0)
     path = ToolPath(np.array([0.0, 1.0]), np.array([[0, 0, 0.4], [0, 0, 0.4 - sink]]), half_turn)
     top = (mesh.points[mesh.boundary_facets][:, :, 2] > 0.4 - 1e-9).all(axis=1)
@@ -230,9 +230,9 @@ def test_the_body_may_come_to_the_tool(slab: TetMesh) -> None:
     # Weight upwards presses the slab against a ceiling.
     half_turn = np.array([[0.0, 1.0, 0.0, 0.0]])
     tool = RigidTool(PlaneShape(), ToolPath(np.zeros(1), np.array([[0.0, 0.0, 0.505]]), half_turn))
-    held = np.flatnonzero(slab.points[:, 2] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(slab.points[:, 2] < 1e-9).astype(np.int32)
     weight = BodyForce((0.0, 0.0, 2000.0))
-    problem = Problem(slab, SOFT, (Support(held),), (weight,), tools=(tool,))
+    problem = Problem(slab, SOFT, (Support(fixed),), (weight,), tools=(tool,))
     found = solve_contact(problem)
     assert (slab.points + found.displacements[-1])[:, 2].max() == pytest.approx(0.505, abs=1e-9)
     assert found.forces[-1, 0, 2] > 10.0

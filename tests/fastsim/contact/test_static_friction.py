@@ -33,8 +33,8 @@ def block_on_a_plane(friction: float) -> Problem:
     ways = DEPTH * np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 1.55])
     knots = np.array([np.zeros(3), *([way, 0.0, DEPTH] for way in ways)])
     tool = RigidTool(PlaneShape(), ToolPath(np.arange(len(knots)), knots), friction, bottom)
-    held = Support(np.unique(top).astype(np.int32), top)
-    return Problem(mesh, Material(1.0, 0.0), (held,), (), tools=(tool,))
+    fixed = Support(np.unique(top).astype(np.int32), top)
+    return Problem(mesh, Material(1.0, 0.0), (fixed,), (), tools=(tool,))
 
 
 def drawn_ball(friction: float) -> Problem:

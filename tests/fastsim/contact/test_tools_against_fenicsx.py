@@ -10,7 +10,7 @@ import pytest
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.boundary_conditions import Support
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -146,7 +146,7 @@ def plate_drawn_over_a_block(number: int, time_step: float) -> Problem:
     path = smooth_path(ToolPath(np.array([0.0, 0.06, 0.12]), places, np.array([DOWN] * 3)))
     plate = RigidTool(PlaneShape(), path, 0.3, side(mesh, 2, 0.01))
     span = TimeSpan(0.12, time_step, mass_damping=200.0, num_outputs=6)
-    bottom = held(side(mesh, 2, 0.0))
+    bottom = support_of(side(mesh, 2, 0.0))
     return Problem(mesh, Material(1e4, 0.3, 1000.0), (bottom,), (), time=span, tools=(plate,))
 
 

@@ -25,7 +25,7 @@ from palpate.fastsim.grading.size_fields import refine_to_size
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_modes import parts_of_mesh
@@ -286,7 +286,7 @@ def test_a_folded_bar_rests_on_itself_less_deep_the_stiffer_the_penalty() -> Non
     mesh = folded_bar()
     span = TimeSpan(1.5, num_outputs=2, mass_damping=8.0)
     weight = BodyForce((0.0, 0.0, -1000.0))
-    problem = Problem(mesh, CUBES, (held(side(mesh, 2, 0.0)),), (weight,), span)
+    problem = Problem(mesh, CUBES, (support_of(side(mesh, 2, 0.0)),), (weight,), span)
 
     def deepest(law: ContactLaw | None) -> float:
         run = simulate(problem, body_contact=law, amplitude=smooth_ramp(0.8))

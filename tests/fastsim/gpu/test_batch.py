@@ -23,7 +23,7 @@ WARP = "warp:cpu"
 
 def varied(mesh: TetMesh, number: int) -> Problem:
     """Another material, load, support, tool way and step for each number."""
-    held = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
     above = (mesh.points[mesh.boundary_facets][:, :, 2] > 1.2 - 1e-9).all(axis=1)
     loads: list[BodyForce | Pressure | PointForce] = [BodyForce((40.0 * number, 0.0, -50.0))]
     if number % 3 == 1:
@@ -35,7 +35,7 @@ def varied(mesh: TetMesh, number: int) -> Problem:
     tool = RigidTool(SphereShape(0.4), ToolPath(np.array([0.0, 0.1]), ends))
     material = Material(1e4 * (1 + 0.2 * number), 0.2 + 0.015 * number, 1000.0 + 10 * number)
     span = TimeSpan(0.5 + 0.025 * number, mass_damping=0.5 * number, num_outputs=2)
-    held_at = Support(held, displacement=shift)
+    held_at = Support(fixed, displacement=shift)
     return Problem(mesh, material, (held_at,), tuple(loads), span, (tool,))
 
 

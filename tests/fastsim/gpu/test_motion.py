@@ -73,8 +73,8 @@ def driven(mesh: TetMesh, *tools: RigidTool, end_time: float = 0.5) -> Problem:
 
 
 def standing(mesh: TetMesh, *tools: RigidTool, end_time: float = 0.4) -> Problem:
-    held = Support(points_where(mesh, 2, 0.0))
-    return Problem(mesh, SOFT, (held,), (), TimeSpan(end_time, num_outputs=2), tools)
+    fixed = Support(points_where(mesh, 2, 0.0))
+    return Problem(mesh, SOFT, (fixed,), (), TimeSpan(end_time, num_outputs=2), tools)
 
 
 def apart(one: DynamicResult, other: DynamicResult) -> float:

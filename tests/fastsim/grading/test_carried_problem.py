@@ -44,8 +44,8 @@ def test_forces_and_the_held_region_are_the_same() -> None:
         middle = graded.points[graded.cells].mean(axis=1)
         graded.refine(np.linalg.norm(middle - [2.0, 1.0, 1.0], axis=1) < 1.5 * 0.8**k)
     carried = carry_problem(problem, graded)
-    held = carried.supports[0].points
-    assert np.array_equal(held, np.flatnonzero(carried.mesh.points[:, 0] == 0.0))
+    fixed = carried.supports[0].points
+    assert np.array_equal(fixed, np.flatnonzero(carried.mesh.points[:, 0] == 0.0))
     before = external_force(problem)
     after = external_force(carried)
     assert after.sum(axis=0) == pytest.approx(before.sum(axis=0), rel=1e-12)

@@ -59,9 +59,9 @@ def test_a_finite_rotation_is_no_error_with_green_strain() -> None:
 def test_the_estimate_is_near_the_true_error_in_energy() -> None:
     """Linear strain: the squared energy error is the gap in strain energy to a fine solution."""
     facets = MESH.boundary_facets
-    held = facets[(MESH.points[facets][:, :, 0] == 0.0).all(axis=1)]
+    fixed = facets[(MESH.points[facets][:, :, 0] == 0.0).all(axis=1)]
     problem = Problem(
-        MESH, MATERIAL, (Support(np.unique(held), held),), (BodyForce((0.0, 0.0, -10.0)),)
+        MESH, MATERIAL, (Support(np.unique(fixed), fixed),), (BodyForce((0.0, 0.0, -10.0)),)
     )
     graded = GradedMesh(MESH)
     energies, estimates = [], []

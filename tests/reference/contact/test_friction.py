@@ -27,13 +27,13 @@ WAYS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 1.55)
 def block_on_a_plane(box, friction, turn=0.0):
     """A unit cube held at its top; a plane is pressed against its bottom and drawn along."""
     mesh = box((2, 2, 2))
-    held = support(mesh, "z1")
+    fixed = support(mesh, "z1")
     along = np.array([np.cos(turn), np.sin(turn), 0.0])
     pressed = np.array([0.0, 0.0, DEPTH])
     knots = np.array([np.zeros(3), *(pressed + DEPTH * way * along for way in WAYS)])
     path = ToolPath(np.arange(len(knots)), knots)
     tool = RigidTool(PlaneShape(), path, friction, mesh.facet_groups["z0"])
-    return Problem(mesh, Material(1.0, 0.0), (held,), (), tools=(tool,)), along
+    return Problem(mesh, Material(1.0, 0.0), (fixed,), (), tools=(tool,)), along
 
 
 def felt(problem, along, strain, degree):
@@ -47,9 +47,9 @@ def glued(problem, along, way, strain, degree):
     bottom = problem.tools[0].contact_facets
     moved = DEPTH * way * along + [0.0, 0.0, DEPTH]
     points = np.unique(bottom).astype(np.int32)
-    held = (*problem.supports, Support(points, bottom, displacement=tuple(moved.tolist())))
+    fixed = (*problem.supports, Support(points, bottom, displacement=tuple(moved.tolist())))
     found = solve_static(
-        dataclasses.replace(problem, supports=held, tools=()), strain=strain, degree=degree
+        dataclasses.replace(problem, supports=fixed, tools=()), strain=strain, degree=degree
     )
     return float(found.support_forces[1] @ along)
 
@@ -149,13 +149,13 @@ def test_next_to_no_friction_is_none(box):
 def drawn_block(box, friction, *, speed=0.01):
     """A unit cube held at its top; a plane presses its bottom for 10 s, then draws it for 20 s."""
     mesh = box((2, 2, 2))
-    held = support(mesh, "z1")
+    fixed = support(mesh, "z1")
     depth, way = 0.05, 20.0 * speed
     knots = [[0.0, 0.0, 0.0], [0.0, 0.0, depth], [0.0, 0.0, depth], [way, 0.0, depth]]
     path = ToolPath([0.0, 10.0, 20.0, 40.0], knots)
     tool = RigidTool(PlaneShape(), path, friction, mesh.facet_groups["z0"])
     span = TimeSpan(40.0, 0.5, mass_damping=1.0, num_outputs=8)
-    return Problem(mesh, Material(1.0, 0.0, 1.0), (held,), (), time=span, tools=(tool,))
+    return Problem(mesh, Material(1.0, 0.0, 1.0), (fixed,), (), time=span, tools=(tool,))
 
 
 @pytest.mark.parametrize("strain", list(Strain))
@@ -180,13 +180,13 @@ def test_a_drawn_block_sticks_and_then_slips_at_mu_times_the_normal_force(box, s
 def test_a_plate_that_arrives_on_a_whole_face_is_followed_by_short_steps(box):
     """Many nodes come at once, stick or slip, and change that from step to step."""
     mesh = box((2, 2, 1), (0.02, 0.02, 0.01))
-    held = support(mesh, "z0")
+    fixed = support(mesh, "z0")
     over = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
     path = ToolPath([0.0, 0.01], [[0.0, 0.0, 0.01001], [1e-5, 0.0, 0.0099]], over)
     plate = RigidTool(PlaneShape(), path, 0.3, mesh.facet_groups["z1"])
     span = TimeSpan(0.01, 6.25e-4, mass_damping=200.0, num_outputs=2)
     material = Material(1e4, 0.3, 1000.0)
-    problem = Problem(mesh, material, (held,), (), time=span, tools=(plate,))
+    problem = Problem(mesh, material, (fixed,), (), time=span, tools=(plate,))
     found = simulate_implicit(
         problem, strain=Strain.LINEAR, spectral_radius=0.0, relative_tolerance=1e-6
     )

@@ -43,8 +43,8 @@ def pressed(shape, heights, position=(0.5, 0.5), rotation=DOWN, **more):
 
 
 def solve(mesh, tool, *, supports=None, loads=(), **options):
-    held = (support(mesh, "z0"),) if supports is None else supports
-    return solve_static(Problem(mesh, MATERIAL, held, loads, tools=(tool,)), **options)
+    fixed = (support(mesh, "z0"),) if supports is None else supports
+    return solve_static(Problem(mesh, MATERIAL, fixed, loads, tools=(tool,)), **options)
 
 
 @pytest.mark.parametrize("kind", ["linear", "smoothed", "quadratic"])
@@ -74,11 +74,11 @@ def test_force_balances_reactions_and_is_the_slope_of_energy(box, shape, height,
     assert slope == pytest.approx(force[2], rel=1e-3)
     if kind != "quadratic":
         internal = internal_force(mesh, at_points, material=MATERIAL, **KINDS[kind])
-        held = np.unique(mesh.facet_groups["z0"])
-        np.testing.assert_allclose(internal[held].sum(axis=0), force, atol=1e-8 * force[2])
+        fixed = np.unique(mesh.facet_groups["z0"])
+        np.testing.assert_allclose(internal[fixed].sum(axis=0), force, atol=1e-8 * force[2])
         # Moments about the tool's origin: what the support gives, the tool takes.
         arms = mesh.points + at_points - [0.5, 0.5, height - depths[1]]
-        moment = np.cross(arms[held], internal[held]).sum(axis=0)
+        moment = np.cross(arms[fixed], internal[fixed]).sum(axis=0)
         np.testing.assert_allclose(moment, felt.moments[-1], atol=1e-8 * force[2])
         assert felt.penetrations[-1] < 1e-8
 

@@ -76,10 +76,10 @@ def test_a_force_that_grows_is_told_at_its_time(box):
 def pressed_slab(box, span, knots):
     """A slab of 6 x 4 x 2 m on a held bottom, and a ball of 2 m that comes 0.3 m deep."""
     mesh = box((3, 2, 1), (6.0, 4.0, 2.0))
-    held = support(mesh, "z0")
+    fixed = support(mesh, "z0")
     places = np.array([[2.8, 1.9, 4.05], [2.8, 1.9, 3.7], [2.8, 1.9, 3.7]])
     tool = RigidTool(SphereShape(2.0), ToolPath(knots, places[: len(knots)]))
-    return Problem(mesh, Material(1.0, 0.3, 1.0), (held,), (), time=span, tools=(tool,))
+    return Problem(mesh, Material(1.0, 0.3, 1.0), (fixed,), (), time=span, tools=(tool,))
 
 
 @pytest.mark.parametrize("strain", list(Strain))
@@ -178,8 +178,8 @@ def test_a_ball_comes_to_rest_where_statics_have_it(box):
     drive = ForceDrive((0.0, 0.0, -1.0), 0.4, rising, mass=2.0)
     ball = RigidTool(SphereShape(2.0), ToolPath([0.0], [[2.8, 1.9, 4.05]]), drive=drive)
     span = TimeSpan(60.0, 1.0, mass_damping=1.0, num_outputs=6)
-    held = (on_the_bottom(mesh),)
-    problem = Problem(mesh, Material(1.0, 0.3, 1.0), held, (), time=span, tools=(ball,))
+    fixed = (on_the_bottom(mesh),)
+    problem = Problem(mesh, Material(1.0, 0.3, 1.0), fixed, (), time=span, tools=(ball,))
     found = simulate_implicit(problem, degree=1, spectral_radius=0.0)
     still = solve_static(dataclasses.replace(problem, time=None), degree=1)
     assert found.tool_forces[0, -1, 2] == pytest.approx(0.4, rel=1e-3)

@@ -37,8 +37,8 @@ def test_a_support_that_moves_otherwise(change, name, problem):
     moved = np.flatnonzero(problem.mesh.points[:, 1] > 1.0 - 1e-9).astype(np.int32)[-6:]
 
     def with_support(displacement):
-        held = Support(moved, displacement=displacement)
-        return replace(problem, supports=(*problem.supports, held))
+        fixed = Support(moved, displacement=displacement)
+        return replace(problem, supports=(*problem.supports, fixed))
 
     asked = with_support((0.1, 0.0, 0.04))
     for reference in (solved(asked), None):

@@ -10,7 +10,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.placement import position
+from palpate.validation.exchange.placement import match_points
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.states import CandidateFailedError
 
@@ -21,7 +21,7 @@ def npz(folder, **arrays):
 
 
 def placed(path, problem):
-    return position(read_result(path), problem).displacement[-1]
+    return match_points(read_result(path), problem).displacement[-1]
 
 
 def shuffled(problem):
@@ -186,7 +186,7 @@ def sent(folder, problem, points, cells, displacement=None):
     """The result `points @ SLOPE`, or another, on these points and cells."""
     field = points @ SLOPE if displacement is None else displacement
     np.savez(folder / "r.npz", displacement=field, points=points, cells=cells)
-    return position(read_result(folder / "r.npz"), problem)
+    return match_points(read_result(folder / "r.npz"), problem)
 
 
 def require_unharmed(found, problem, own):

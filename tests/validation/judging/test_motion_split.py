@@ -46,9 +46,9 @@ OTHER = Law.NEO_HOOKEAN_STABLE
 def swing(size: tuple[float, float, float] = (0.06, 0.02, 0.02)) -> Problem:
     """A bar of eighteen cells, let go under a sideways pull; it bends by a third of its length."""
     mesh = brick_box((3, 1, 1), size)
-    held = np.flatnonzero(mesh.points[:, 0] == 0.0).astype(np.int32)
+    fixed = np.flatnonzero(mesh.points[:, 0] == 0.0).astype(np.int32)
     x = mesh.points[mesh.boundary_facets][:, :, 0]
-    supports = (Support(held, mesh.boundary_facets[(x == 0.0).all(axis=1)]),)
+    supports = (Support(fixed, mesh.boundary_facets[(x == 0.0).all(axis=1)]),)
     loads = (BodyForce((0.0, 0.0, -5e3)),)
     # The central differences that fill the budget are stable with it on a mesh cut in eight.
     span = TimeSpan(0.112, STEP, 1.0, 14)

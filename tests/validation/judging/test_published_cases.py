@@ -25,7 +25,7 @@ from judged import case_of, references_of
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
-from palpate.meshes.bricks import brick_box, held, rollers
+from palpate.meshes.bricks import brick_box, rollers, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.refinement import refine_problem
@@ -252,7 +252,7 @@ def bar_body(divisions: tuple[int, int, int]) -> tuple[TetMesh, tuple[Support, .
     mesh = TetMesh(points, flat.cells)
     facets = mesh.boundary_facets
     clamped = facets[(flat.points[facets, 0] == 0.0).all(axis=1)]
-    supports = (held(clamped), *rollers(mesh, ((2, 0.0), (2, thickness))))
+    supports = (support_of(clamped), *rollers(mesh, ((2, 0.0), (2, thickness))))
     return mesh, supports, int(np.argmin(np.linalg.norm(points - [0.6, 0.2, 0.0], axis=1)))
 
 

@@ -29,11 +29,11 @@ def bar(bricks, length, youngs_modulus=1000.0):
     mesh = brick_box((bricks, 1, 1), (length, 1.0, 1.0))
     facets = mesh.boundary_facets
     x = mesh.points[facets][:, :, 0]
-    held, pulled = facets[(x == 0.0).all(axis=1)], facets[(x == length).all(axis=1)]
+    fixed, pulled = facets[(x == 0.0).all(axis=1)], facets[(x == length).all(axis=1)]
     problem = Problem(
         mesh,
         Material(youngs_modulus, 0.3),
-        (Support(np.unique(held).astype(np.int32), held),),
+        (Support(np.unique(fixed).astype(np.int32), fixed),),
         (Traction(pulled, (0.0, 0.0, 1.0)),),
     )
     field = np.zeros_like(mesh.points)

@@ -158,10 +158,10 @@ def test_a_support_carries_the_loads_and_a_cut_what_lies_beyond(element: Element
     mesh = brick_box((6, 2, 2), (3.0, 1.0, 1.0), ragged=0.2)
     facets = mesh.boundary_facets
     x = mesh.points[facets][:, :, 0]
-    held = facets[(x < 1e-9).all(axis=1)]
+    fixed = facets[(x < 1e-9).all(axis=1)]
     weight = BodyForce((0.0, 0.0, -9.0))
     problem = Problem(
-        mesh, Material(1000.0, 0.3), (Support(np.unique(held).astype(np.int32), held),), (weight,)
+        mesh, Material(1000.0, 0.3), (Support(np.unique(fixed).astype(np.int32), fixed),), (weight,)
     )
     u = solve_static(problem, element=element).displacement
     right = state_of(problem, u, element=element)

@@ -11,7 +11,7 @@ import pytest
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan, with_law
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
@@ -26,9 +26,11 @@ MESH = brick_box((3, 2, 2), (0.3, 0.2, 0.2), ragged=0.15)
 FACE, END = side(MESH, 0, 0.0), side(MESH, 0, 0.3)
 PULL = Traction(END, (40.0, 10.0, -20.0))
 TISSUE = Material(2e4, 0.3, 1000.0)
-BODY = Problem(MESH, TISSUE, (held(FACE),), (PULL,))
+BODY = Problem(MESH, TISSUE, (support_of(FACE),), (PULL,))
 # One component of the end stays free.
-MOVED = Problem(MESH, TISSUE, (held(FACE), held(END, (True, False, True), (0.02, 0.0, 0.01))), ())
+MOVED = Problem(
+    MESH, TISSUE, (support_of(FACE), support_of(END, (True, False, True), (0.02, 0.0, 0.01))), ()
+)
 FALLING = dataclasses.replace(
     BODY,
     loads=(BodyForce((0.0, 0.0, -300.0)),),

@@ -15,7 +15,7 @@ from palpate.fastsim.contact.body_contact import VertexCellDetector
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Material, Problem, Strain
@@ -236,7 +236,7 @@ def test_a_row_of_the_reference_is_whole_and_its_result_that_of_the_block(
     assert row["kb_per_unknown"] == pytest.approx(row["peak_memory_mb"] * 1024.0 / 675)
     mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
     pull = Traction(side(mesh, 0, 2.0), (10.0, 5.0, -5.0))
-    problem = Problem(mesh, Material(1000.0, 0.3), (held(side(mesh, 0, 0.0)),), (pull,))
+    problem = Problem(mesh, Material(1000.0, 0.3), (support_of(side(mesh, 0, 0.0)),), (pull,))
     found = run_task(StaticTask(strain=Strain.GREEN, degree=2), problem)
     largest = np.linalg.norm(found.displacement, axis=1).max()
     assert row["max_displacement"] == pytest.approx(largest, rel=1e-8)

@@ -189,8 +189,8 @@ def test_without_room_for_a_second_mesh_p1_says_how_far_p2_is(
 ) -> None:
     mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
     facets = mesh.boundary_facets
-    held = facets[(mesh.points[facets][:, :, 0] < 1e-9).all(axis=1)]
-    support = Support(np.unique(held).astype(np.int32), held)
+    fixed = facets[(mesh.points[facets][:, :, 0] < 1e-9).all(axis=1)]
+    support = Support(np.unique(fixed).astype(np.int32), fixed)
     problem = pulled_at_a_point(Problem(mesh, Material(1e3, 0.3), (support,), ()))
     monkeypatch.setattr(statics, "UNKNOWNS", 900.0)
     found = solve_live(problem, quiet)

@@ -123,14 +123,14 @@ def parts() -> dict[str, Part]:
     centroids = mesh.points[mesh.cells].mean(axis=1)
     none, nothing = np.zeros(0, np.int32), np.zeros_like(mesh.points)
     inside = np.flatnonzero((centroids[:, 0] < 0.75 * A) & (centroids[:, 1] < 0.67 * B))
-    held = nothing.copy()
-    held[supports[0].points] = 1.0
+    fixed = nothing.copy()
+    fixed[supports[0].points] = 1.0
     cut = nothing.copy()
     cut[mesh.points[:, 0] < 0.6 * A] = 1.0
     return {
         "all": Part(np.arange(mesh.num_cells, dtype=np.int32), nothing),
         "inside": Part(inside.astype(np.int32), nothing),
-        "support": Part(none, held, support=0),
+        "support": Part(none, fixed, support=0),
         "cut": Part(none, cut),
     }
 

@@ -117,8 +117,8 @@ def test_pictures_stand_as_the_3d_view_begins_with_tools_supports_and_loads(
         x = 0.0 if panel is pictures["states"][0] else 10.0
         assert ball.points.mean(axis=0) == pytest.approx((x, 0.0, 30.0), abs=0.2)
         assert np.array_equal(panel.marks[0].vectors, arrows[:, 1])
-        held = [part.colour == SUPPORT for part in panel.surfaces]
-        assert any(held), panel.title
+        fixed = [part.colour == SUPPORT for part in panel.surfaces]
+        assert any(fixed), panel.title
 
 
 def test_a_tool_widens_a_picture_by_a_part_of_the_body_at_most() -> None:

@@ -135,8 +135,8 @@ def test_a_layer_is_in_equilibrium_and_carries_its_load(load: str, bottom: str) 
     left, largest = residual(exact, inside, lmbda, mu, 2e-3)
     assert np.abs(left).max() < 2e-3 * largest
     under = np.array([[0.2, 0.1, 0.0], [0.7, 0.1, 0.0]])
-    held = np.abs(exact(under))[:, slice(None) if bottom == "bonded" else 2]
-    assert held.max() < 1e-12
+    fixed = np.abs(exact(under))[:, slice(None) if bottom == "bonded" else 2]
+    assert fixed.max() < 1e-12
     # The stress just below the top, away from where the load begins.
     step = 1e-3
     top = np.array(
@@ -244,8 +244,8 @@ def test_two_dimensions_find_the_singular_field_of_a_clamped_edge(lean: float, n
     lines = np.array([0.0, 1.0])
     section = Section(lines, lines, np.ones((1, 1), dtype=bool),
                       lambda grid: grid + lean * grid[..., 1:] * [1.0, 0.0])  # fmt: skip
-    held = dict.fromkeys(("far", "top"), lambda X, s: s * exact(X))
-    loads = PlaneLoads({"under": lambda X, s: 0.0 * s * X, **held})
+    fixed = dict.fromkeys(("far", "top"), lambda X, s: s * exact(X))
+    loads = PlaneLoads({"under": lambda X, s: 0.0 * s * X, **fixed})
     off = []
     for degree, layers in ((4, 3), (8, 7)):
         plane = Plane(section, Material(2.0 * (1.0 + nu), nu, 1.0), Strain.LINEAR, loads,

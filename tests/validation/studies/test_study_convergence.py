@@ -15,7 +15,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import PointForce
-from palpate.meshes.bricks import brick_box, held, rollers
+from palpate.meshes.bricks import brick_box, rollers, support_of
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -247,7 +247,7 @@ def manufactured_problem(bricks: int) -> Problem:
         for a in range(4):
             np.add.at(forces, mesh.cells[:, a], barycentric[a] * part)
     load = PointForce(np.arange(mesh.num_points, dtype=np.int32), forces)
-    return Problem(mesh, MATERIAL, (held(mesh.boundary_facets),), (load,))
+    return Problem(mesh, MATERIAL, (support_of(mesh.boundary_facets),), (load,))
 
 
 def relative_errors(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
