@@ -32,8 +32,7 @@ OF_ORDER = {
 OF_PROBLEM = {
     "other-strain": "linear strain instead of Green strain",
     "engineering-shear": "engineering shear strain taken for tensor shear: shear stresses doubled",
-    "not-pushed-forward": "second Piola-Kirchhoff stress not pushed forward (P = S in the place "
-    "of F S)",
+    "not-pushed-forward": "second Piola-Kirchhoff stress not pushed forward (P = S instead of F S)",
     "neo-hookean": "neo-Hookean law, with ln J",
     "pressure-sign": "sign of the pressure reversed: load 1 (pressure) pulls",
     "dead-pressure": "pressure does not follow the surface (dead load)",
