@@ -96,13 +96,14 @@ def faults_of_class(kind: type) -> list[str]:
     text = kind.__doc__ or ""
     if dataclasses.is_dataclass(kind):
         names = [field.name for field in dataclasses.fields(kind) if not field.name.startswith("_")]
-        reported = named(section(text, "Attributes")) or named(section(text, "Args"))
+        # What is inherited may be stated by the class that it comes from.
+        texts = [base.__doc__ or "" for base in kind.__mro__ if dataclasses.is_dataclass(base)]
+        stated = [named(section(one, "Attributes")) or named(section(one, "Args")) for one in texts]
+        inherited = [name for one in reversed(stated) for name in one]
+        reported = stated[0] if stated[0] == names else inherited
         few = all(re.search(rf"\b{name}\b", text) for name in names)
-        faults = (
-            []
-            if reported == names or (not reported and few)
-            else [f"has {names}, tells {reported}"]
-        )
+        is_whole = reported == names or (not reported and few)
+        faults = [] if is_whole else [f"has {names}, tells {reported}"]
     elif "__init__" in vars(kind) and not issubclass(kind, enum.Enum | Exception):
         taken = parameters(tree_of(vars(kind)["__init__"]))
         reported = named(section(text, "Args"))
