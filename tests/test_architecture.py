@@ -7,8 +7,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import FrameType
 
 import pytest
+
+import palpate
+from palpate.validation.judging.case_references import find_references
+from palpate.validation.judging.checks import CaseJudge
+from palpate.validation.metrics import make_state
+from palpate.validation.states import Verdict, in_silence
 
 ROOT = Path(__file__).parent.parent
 ROOMS = ("meshes", "fastsim", "reference", "validation")
@@ -231,7 +238,7 @@ LINES = {
     "fastsim": (12850, "as of 24 November 2026"),
     "reference": (10300, "as of 24 November 2026"),
     "validation": (43400, "as of 24 November 2026"),
-    "tests": (48650, "as of 24 November 2026"),
+    "tests": (48750, "as of 24 November 2026"),
     "validation/candidates": (1250, "as of 24 November 2026"),
     "validation/case": (3200, "as of 24 November 2026"),
     "validation/commands": (2000, "as of 24 November 2026"),
@@ -294,6 +301,34 @@ def test_the_judge_loads_few_modules() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert int(done.stdout) <= MOST_LOADED
+
+
+# From a displacement of the core to the verdict of one check: files of which a function runs.
+MOST_FILES = 15
+
+
+def test_a_displacement_passes_few_files_on_its_way_to_a_verdict() -> None:
+    case = palpate.load_case("kidney")
+    displacement = palpate.solve(case.problem).displacement
+    references = find_references(case, live=False, progress=in_silence)
+    spec = next(c for c in case.checks if (c.metric, c.against) == ("displacement_l2", "same_mesh"))
+    files = set()
+
+    def note(frame: FrameType, event: str, _arg: object) -> None:
+        path = frame.f_code.co_filename
+        if event == "call" and "/palpate/" in path and frame.f_code.co_name != "<module>":
+            files.add(path)
+
+    sys.setprofile(note)
+    try:
+        judge, mesh = CaseJudge(case, references), case.problem.mesh
+        strain = judge.strain_of(spec)
+        state = make_state(mesh, displacement, label="x", simulator="x", strain=strain)
+        found = judge.check(spec, state)
+    finally:
+        sys.setprofile(None)
+    assert found.verdict is Verdict.PASSED
+    assert 5 < len(files) <= MOST_FILES, sorted(files)
 
 
 @pytest.mark.parametrize("room", [*ROOMS, "tests"])
