@@ -115,15 +115,15 @@ class ExplicitLoads:
 
     def placed(self, displacement: Points, time: float) -> Points:
         """A displacement with its fixed components where they are at that time [m]."""
-        fixed = self._prescribed_at(time)
+        prescribed = self._prescribed_at(time)
         local = self._supports.to_local(displacement)
-        return self._supports.to_global(np.where(self._supports.is_free != 0, local, fixed))
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, prescribed))
 
     def moved(self, increment: Points, time: float, next_time: float) -> Points:
         """An increment from one time to the next, its fixed components those of the supports."""
-        fixed = self._prescribed_at(next_time) - self._prescribed_at(time)
+        prescribed = self._prescribed_at(next_time) - self._prescribed_at(time)
         local = self._supports.to_local(increment)
-        return self._supports.to_global(np.where(self._supports.is_free != 0, local, fixed))
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, prescribed))
 
     def keep_free(self, vectors: Points) -> Points:
         """Vectors without their fixed components."""

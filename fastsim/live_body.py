@@ -122,7 +122,7 @@ class LiveSpring(BodySpring):
     _body: LiveBody
 
     @property
-    def is_fixed(self) -> bool:
+    def is_attached(self) -> bool:
         """Whether it pulls: not once it was let go, nor after a reset if it was added later."""
         return any(spring is self.description for spring in self._body._pull.springs)
 

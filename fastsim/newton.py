@@ -251,8 +251,8 @@ class Newton:
         """Norm of what drives the problem: the load, and the reactions to moved supports."""
         scale = factor * float(np.linalg.norm(self._load))
         if self._moves_supports or scale == 0.0:
-            fixed = self._supports.to_local(internal)[self._is_free == 0]
-            scale = max(scale, float(np.linalg.norm(fixed)))
+            reactions = self._supports.to_local(internal)[self._is_free == 0]
+            scale = max(scale, float(np.linalg.norm(reactions)))
         return max(scale, self._term_norm, self._spring_norm, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:

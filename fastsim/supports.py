@@ -91,15 +91,15 @@ class FixedPoints:
         """
         supports = self._problem.supports
         each = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(supports))
-        fixed = np.zeros(self.is_free.shape)
+        prescribed = np.zeros(self.is_free.shape)
         for number, support in enumerate(supports):
             mine = self.fixed_by(number)
             points = np.flatnonzero(mine.any(axis=1))
             moved = moved_to(support, self._problem.mesh.points[points], float(each[number]))
-            fixed[mine] = moved[mine[points]]
+            prescribed[mine] = moved[mine[points]]
         if self.slanted is not None:
-            fixed[self.slanted.points] = self._slanted_at(self.slanted, each)
-        return fixed
+            prescribed[self.slanted.points] = self._slanted_at(self.slanted, each)
+        return prescribed
 
     def fixed_by(self, number: int) -> NDArray[np.bool_]:
         """Which components along x, y, z a support fixes, shape (num_points, 3)."""
@@ -155,11 +155,11 @@ class FixedPoints:
         return found
 
     def _orthogonalise(
-        self, found: SlantedPoints, k: int, fixed: Sequence[tuple[int, Floats]]
+        self, found: SlantedPoints, k: int, directions: Sequence[tuple[int, Floats]]
     ) -> None:
         """Gram-Schmidt on the directions of a point; those in the span of others add nothing."""
         axes, weights, rank = found.axes[k], found.weights[k], 0
-        for number, direction in fixed:
+        for number, direction in directions:
             along = axes[:rank] @ direction
             rest = direction - along @ axes[:rank]
             rest -= (axes[:rank] @ rest) @ axes[:rank]

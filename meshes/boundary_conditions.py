@@ -111,8 +111,8 @@ class Support:
         if self.normal is not None:
             along: Floats = np.array([self.normal]) / np.linalg.norm(self.normal)
             return along
-        fixed: Floats = np.eye(3)[np.array(self.components)]
-        return fixed
+        directions: Floats = np.eye(3)[np.array(self.components)]
+        return directions
 
 
 @dataclass(frozen=True, eq=False)

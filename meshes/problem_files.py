@@ -116,28 +116,28 @@ def _is_default(part: dataclasses.Field[Any], value: Any) -> bool:
     return default is not dataclasses.MISSING and bool(value == default)
 
 
-def _encoded(item: Any, position: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+def _encoded(item: Any, prefix: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """A dataclass as JSON values; its arrays go to `arrays`, named from `place`; no None."""
     entry: dict[str, Any] = {"kind": type(item).__name__}
     for name, value in _written_fields(item):
         if isinstance(value, np.ndarray):
-            arrays[f"{position}:{name}"] = value
+            arrays[f"{prefix}:{name}"] = value
         elif dataclasses.is_dataclass(value):
-            entry[name] = _encoded(value, f"{position}:{name}", arrays)
+            entry[name] = _encoded(value, f"{prefix}:{name}", arrays)
         elif value is not None:
             entry[name] = value
     return entry
 
 
-def _decoded(entry: dict[str, Any], position: str, arrays: dict[str, NDArray[Any]]) -> Any:
+def _decoded(entry: dict[str, Any], prefix: str, arrays: dict[str, NDArray[Any]]) -> Any:
     """The dataclass that `_encoded` has turned into JSON values and arrays."""
     values: dict[str, Any] = {}
     for key, value in entry.items():
         if isinstance(value, dict):
-            values[key] = _decoded(value, f"{position}:{key}", arrays)
+            values[key] = _decoded(value, f"{prefix}:{key}", arrays)
         elif key != "kind":
             values[key] = tuple(value) if isinstance(value, list) else value
-    for key, rows in _group(arrays, f"{position}:").items():
+    for key, rows in _group(arrays, f"{prefix}:").items():
         if ":" not in key:
             values[key] = rows
     return _KINDS[entry["kind"]](**values)

@@ -21,9 +21,9 @@ class UnsupportedBodyError(InputError):
         self.num_free_modes = num_free_modes
         self.part = part
         where = f"part {part} of {num_parts}" if num_parts > 1 else "the body"
-        fixed = "has no support" if num_supports == 0 else "is not held enough"
+        support_words = "has no support" if num_supports == 0 else "is not held enough"
         super().__init__(
-            f"{where} {fixed}: {num_free_modes} of 6 rigid motions are free, so it floats; "
+            f"{where} {support_words}: {num_free_modes} of 6 rigid motions are free, so it floats; "
             "add a [[support]] that holds at least three points not on a line"
         )
 

@@ -192,12 +192,12 @@ def support_forces(discrete: DiscreteProblem, displacement: Floats) -> Points:
     """Force of each support on the body [N], shape (num_supports, 3).
 
     It is the sum over the fixed degrees of freedom of R = internal - external - contact, so that
-    supports, loads and tools together are in balance to rounding. See `FixedDofs.shares`.
+    supports, loads and tools together are in balance to rounding. See `FixedDofs.resultants`.
     """
     reactions = discrete.of_displacement(
         discrete.internal_force(displacement)
         - discrete.external_force(displacement)
         - discrete.contact_force(displacement)
     )
-    total: Points = fenicsx.total(discrete.fixed.fractions(reactions.reshape(-1, 3)))
+    total: Points = fenicsx.total(discrete.fixed.resultants(reactions.reshape(-1, 3)))
     return total

@@ -133,7 +133,7 @@ class FixedDofs:
             other.frames = NodeFrames(new[self.frames.dofs], self.frames.axes)
         return other
 
-    def fractions(self, reactions: Points) -> Points:
+    def resultants(self, reactions: Points) -> Points:
         """Resultant of nodal reactions at each support [N], shape (num_supports, 3).
 
         A component along x, y, z that several supports fix counts for the first; on slanted planes

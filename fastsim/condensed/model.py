@@ -318,7 +318,7 @@ def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> P
     problem = model.problem
     supports = FixedPoints(problem)
     fields = prescribed_fields_of(problem, supports, model.terms)
-    fixed = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
+    prescribed = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
     at_touched = np.zeros_like(problem.mesh.points)
     at_touched[model.touched] = touched
     # Free components follow the elimination; fixed ones are where their supports put them.
@@ -326,4 +326,4 @@ def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> P
     found = model.inside.extend(
         own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]
     ).reshape(-1, 3)
-    return supports.to_global(np.where(supports.is_free != 0, found, fixed))
+    return supports.to_global(np.where(supports.is_free != 0, found, prescribed))

@@ -120,9 +120,9 @@ class ContactTerm:
                 contact.vertices[touching], np.ascontiguousarray(blocks.reshape(-1, 9))
             )
             if self._drags[number].coefficient > 0.0:
-                fixed = self._dragged(number, displacement, gaps)[1]
+                blocks = self._dragged(number, displacement, gaps)[1]
                 body.core.add_diagonal_blocks(
-                    contact.vertices, np.ascontiguousarray(fixed.reshape(-1, 9))
+                    contact.vertices, np.ascontiguousarray(blocks.reshape(-1, 9))
                 )
         changed = len(self._active) != len(active) or any(
             np.any(old != new) for old, new in zip(self._active, active, strict=True)
@@ -291,9 +291,9 @@ class Drag:
         across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)
         wanted = np.einsum("nij,nj->ni", across, wanted)
         sizes, most = np.linalg.norm(wanted, axis=1), self.coefficient * pushes
-        is_fixed = sizes <= most
-        share = np.where(is_fixed, 1.0, most / np.where(is_fixed, 1.0, sizes))
-        along = np.where(is_fixed, 0.0, 1.0 / np.where(is_fixed, 1.0, sizes))[:, None] * wanted
+        sticks = sizes <= most
+        share = np.where(sticks, 1.0, most / np.where(sticks, 1.0, sizes))
+        along = np.where(sticks, 0.0, 1.0 / np.where(sticks, 1.0, sizes))[:, None] * wanted
         stiff = across - np.einsum("ni,nj->nij", along, along)
         return share[:, None] * wanted, (share * self._weights)[:, None, None] * stiff
 
@@ -362,14 +362,14 @@ class BoxFaces:
         own = _in_frame(positions, pose)
         inside = (np.abs(own) <= self._half_widths + self._at).all(axis=1)
         faces = self._by_way(own)
-        is_fixed = (self._faces != 0.0).any(axis=1) | inside
+        has_face = (self._faces != 0.0).any(axis=1) | inside
         distances = (faces * own).sum(axis=1) - np.abs(faces) @ self._half_widths
         normals = faces @ pose["rotation"].T
         return Gaps(
-            np.where(is_fixed, distances, gaps.distances),
-            np.where(is_fixed[:, None], normals, gaps.normals),
-            np.where(is_fixed, 0.0, gaps.curvatures),
-            np.where(is_fixed[:, None], 0.0, gaps.axes),
+            np.where(has_face, distances, gaps.distances),
+            np.where(has_face[:, None], normals, gaps.normals),
+            np.where(has_face, 0.0, gaps.curvatures),
+            np.where(has_face[:, None], 0.0, gaps.axes),
         )
 
     def move_round(
@@ -382,8 +382,8 @@ class BoxFaces:
         """
         own = _in_frame(positions, pose)
         beside = np.where(self._faces != 0.0, 0.0, np.abs(own) - self._half_widths)
-        fixed = (self._faces != 0.0).any(axis=1)
-        moves = fixed & is_pressed & (beside.max(axis=1) > self._at)
+        has_face = (self._faces != 0.0).any(axis=1)
+        moves = has_face & is_pressed & (beside.max(axis=1) > self._at)
         round_it = _unit(np.argmax(beside, axis=1)) * np.where(own < 0.0, -1.0, 1.0)
         self._faces = np.where(moves[:, None], round_it, self._faces)
         is_again = bool((moves & self._has_moved).any())

@@ -212,7 +212,7 @@ def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         pressures=make.array(pressures, make.real),
         histories=make.array(histories, int),
         at=make.groups(begins, corners // 3, pressed=make.array(pressed, int)),
-        fractions=make.zeros((len(bodies), len(facets)), make.vec3),
+        corner_forces=make.zeros((len(bodies), len(facets)), make.vec3),
     )
 
 

@@ -142,7 +142,7 @@ class Launches:
         self.find_internal_force()
         if (p := self.pressure) is not None:
             self._launch("press_facets", p.count, p)
-            self._launch("press_points", p.at.count, p.at, fractions=p.fractions)
+            self._launch("press_points", p.at.count, p.at, corner_forces=p.corner_forces)
         if loads_change:
             self.combine_loads()
         if (s := self.supports) is not None:

@@ -183,13 +183,13 @@ class Friction:
         trial = (self._multiplier - penalty * (local - self._stuck_at)) @ rotation.T
         trial -= np.sum(trial * normal, axis=1)[:, None] * normal
         size, bound = np.linalg.norm(trial, axis=1), self.coefficient * pressure
-        mistakes = size > bound
+        slips = size > bound
         along = trial / np.where(size > 0.0, size, 1.0)[:, None]
-        part = np.where(mistakes, bound / np.where(mistakes, size, 1.0), 1.0)
+        part = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)
         plane = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-        plane -= np.where(mistakes[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
+        plane -= np.where(slips[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
         stiffness = (penalty * part)[:, None, None] * plane
-        return Drag(part[:, None] * trial, stiffness, ~mistakes & (bound > 0.0))
+        return Drag(part[:, None] * trial, stiffness, ~slips & (bound > 0.0))
 
 
 # Penalty times the facet size over Young's modulus: an Uzawa step leaves about a hundredth of the

@@ -63,7 +63,7 @@ def test_a_hand_pulls_as_in_statics() -> None:
     assert hand.force[2] < -0.01
     assert body.displacement == pytest.approx(found, abs=1e-4 * np.abs(found).max())
     hand.let_go()
-    assert not hand.is_fixed
+    assert not hand.is_attached
     for _ in range(5):
         body.step(round(0.1 / body.time_step))
     assert np.abs(body.displacement).max() < 1e-3 * np.abs(found).max()

@@ -75,7 +75,7 @@ class Mutant:
     kind: str
     operator: str
     occurrence: int
-    position: str
+    location: str
 
     def source(self) -> str:
         """The whole source with the slip."""
@@ -104,18 +104,18 @@ def _of_file(path: Path, names: list[str]) -> Iterator[Mutant]:
     for kind, prefixes in KINDS.items():
         for operator in (n for n in names if n.startswith(prefixes)):
             known = _operator(operator)
-            positions = [
+            locations = [
                 (node, start) for node in nodes for start, _ in known.mutation_positions(node)
             ]
-            for occurrence, (node, start) in enumerate(positions):
+            for occurrence, (node, start) in enumerate(locations):
                 where = ASTQuery(node).get_definition_name()
                 line = lines[start[0] - 1].strip()
                 # Two of one operator at one place: up and down by one.
-                again = sum(other == start for _, other in positions[:occurrence])
+                again = sum(other == start for _, other in locations[:occurrence])
                 word = operator.removeprefix("core/") + (f" {again + 1}" if again else "")
                 column = start[1] - (len(lines[start[0] - 1]) - len(lines[start[0] - 1].lstrip()))
-                position = f"{name}: {where}: {line}: {column}: {word}"
-                yield Mutant(name, start[0], kind, operator, occurrence, position)
+                location = f"{name}: {where}: {line}: {column}: {word}"
+                yield Mutant(name, start[0], kind, operator, occurrence, location)
 
 
 def draw(number: int, mutants: Iterator[Mutant] | list[Mutant]) -> list[Mutant]:
@@ -125,6 +125,6 @@ def draw(number: int, mutants: Iterator[Mutant] | list[Mutant]) -> list[Mutant]:
         by_kind[mutant.kind].append(mutant)
     drawn = []
     for found in by_kind.values():
-        found.sort(key=lambda m: hashlib.sha256(f"{SEED}|{m.position}".encode()).hexdigest())
+        found.sort(key=lambda m: hashlib.sha256(f"{SEED}|{m.location}".encode()).hexdigest())
         drawn += found[: number // len(by_kind)]
     return sorted(drawn, key=lambda m: (m.path, m.line, m.operator, m.occurrence))

@@ -168,10 +168,10 @@ def main() -> int:
     parser.add_argument("--only", default="", help="mutants whose place holds this text")
     given = parser.parse_args()
     everything = list(all_mutants())
-    drawn = [m for m in draw(given.number, everything) if given.only in m.position]
+    drawn = [m for m in draw(given.number, everything) if given.only in m.location]
     print(f"{len(drawn)} mutants drawn of {len(everything)}", flush=True)
     if given.list:
-        print("\n".join(m.position for m in drawn))
+        print("\n".join(m.location for m in drawn))
         return 0
     trees: Queue[Path] = Queue()
     for k in range(given.jobs):
@@ -185,16 +185,16 @@ def main() -> int:
         limit = 60.0 + SLOWER * sum(seconds.get(name, 0.0) for name in tests)
         with one_of(trees) as tree:
             noticed = is_noticed(mutant, tests, tree, limit)
-        word = "noticed" if noticed else "explained" if mutant.position in known else "SURVIVED"
-        outcomes[word].append(mutant.position)
-        print(f"{word:10}{mutant.position}", flush=True)
+        word = "noticed" if noticed else "explained" if mutant.location in known else "SURVIVED"
+        outcomes[word].append(mutant.location)
+        print(f"{word:10}{mutant.location}", flush=True)
 
     with ThreadPoolExecutor(given.jobs) as pool:
         list(pool.map(try_one, drawn))
-    tried = {position for positions in outcomes.values() for position in positions}
-    for position in sorted(set(known) - set(outcomes["explained"])):
-        if position in tried or not given.only:
-            print(f"no longer needed in explained.toml: {position}")
+    tried = {location for locations in outcomes.values() for location in locations}
+    for location in sorted(set(known) - set(outcomes["explained"])):
+        if location in tried or not given.only:
+            print(f"no longer needed in explained.toml: {location}")
     counts = [f"{len(outcomes[word])} {word.lower()}" for word in ("noticed", "explained")]
     print(f"{', '.join(counts)}, {len(outcomes['SURVIVED'])} survived without a reason")
     return 1 if outcomes["SURVIVED"] else 0

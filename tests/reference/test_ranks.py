@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bank import loaded_bar, pressure, support
+from bank import support
 
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import (
     BodyForce,
+    PointForce,
     Pressure,
     Rotation,
     Support,
@@ -65,11 +66,17 @@ def long_box(box):
     return box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
 
 
-def pushed(_box):
+def pushed(box):
     """Every load, by both degrees, factors and multigrid."""
-    quadratic = {"degree": 2}
+    mesh, quadratic = long_box(box), {"degree": 2}
+    loads = (
+        BodyForce((0.0, 200.0, -600.0)),
+        Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+        PointForce(np.array([mesh.num_points - 1], np.int32), np.array([[0.0, 0.3, 0.0]])),
+        Pressure(mesh.facet_groups["z1"], 80.0),
+    )
     solves = {"1-factors": {}, "2-factors": quadratic, "2-multigrid": quadratic}
-    return loaded_bar((5, 2, 2), loads=(pressure,)), solves
+    return Problem(mesh, Material(2e4, 0.4), (support(mesh, "x0"),), loads), solves
 
 
 def sliding(box):

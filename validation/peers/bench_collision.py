@@ -39,7 +39,7 @@ _ROUND = 0.6  # roundness: 0 is a cube, 1 a ball
 PLACES = {"overlapping": 1.7, "apart": 2.5}
 
 
-def make_bodies(divisions: int, position: str) -> dict[str, NDArray[np.generic]]:
+def make_bodies(divisions: int, arrangement: str) -> dict[str, NDArray[np.generic]]:
     """Rounded boxes of divisions^3 bricks, six tetrahedra each, the second one turned.
 
     Returns:
@@ -54,7 +54,7 @@ def make_bodies(divisions: int, position: str) -> dict[str, NDArray[np.generic]]
         points * np.divide(largest, length, out=np.ones_like(length), where=length > 0.0)[:, None]
     )
     mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
-    between = np.full(3, PLACES[position] / np.sqrt(3.0))
+    between = np.full(3, PLACES[arrangement] / np.sqrt(3.0))
     first = _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0)
     second = _frames(mesh.points, _turned(1.1, -0.7), between, 2.0)
     return {
@@ -85,9 +85,9 @@ def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArr
 
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
     """Each body against the other, and where they overlap also against itself."""
-    for position, with_self in (("overlapping", False), ("overlapping", True), ("apart", False)):
-        columns = {"against": "other and self" if with_self else "other", "place": position}
-        job = {**make_bodies(BODIES[size], position), "with_self": with_self}
+    for arrangement, with_self in (("overlapping", False), ("overlapping", True), ("apart", False)):
+        columns = {"against": "other and self" if with_self else "other", "place": arrangement}
+        job = {**make_bodies(BODIES[size], arrangement), "with_self": with_self}
         yield Scene(size, job, columns, _finish)
 
 

@@ -67,8 +67,8 @@ class ReferenceSet:
         """The set for a candidate with this element: without the states of other elements."""
         others = [label for kind, label in OF_ELEMENT.items() if kind is not element]
         every = {**self.aside, **self.states}
-        states = {position: state for position, state in every.items() if position[0] not in others}
-        aside = {position: state for position, state in every.items() if position[0] in others}
+        states = {key: state for key, state in every.items() if key[0] not in others}
+        aside = {key: state for key, state in every.items() if key[0] in others}
         return replace(self, states=states, element=element, aside=aside)
 
     def with_same_mesh(
@@ -82,12 +82,12 @@ class ReferenceSet:
             note: A note on it for the reader of the verdict; left out where there is no state.
             failure: Why there is no state.
         """
-        position = (OF_ELEMENT[self.element], strain)
-        states = {known: other for known, other in self.states.items() if known != position}
-        failures = {known: why for known, why in self.failures.items() if known != position}
+        key = (OF_ELEMENT[self.element], strain)
+        states = {known: other for known, other in self.states.items() if known != key}
+        failures = {known: why for known, why in self.failures.items() if known != key}
         if state is None:
-            return replace(self, states=states, failures=failures | {position: failure})
-        states[position] = state
+            return replace(self, states=states, failures=failures | {key: failure})
+        states[key] = state
         return replace(self, states=states, failures=failures, remarks=(*self.remarks, note))
 
     def same_mesh(self, strain: Strain) -> State | None:

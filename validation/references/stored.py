@@ -230,12 +230,12 @@ def describe_changes(before: Path, after: Path) -> list[str]:
     except (MissingReferenceError, UntrustedReferenceError) as error:
         return [f"nothing to compare with: {error}"]
     lines = [] if old_key == new_key else ["mesh, material, supports or loads have changed"]
-    for position in sorted({*old.states, *new.states}):
-        name = f"{position[0]}, {position[1]} strain"
-        if position in old.states and position in new.states:
-            lines += _changes_of_state(name, old.states[position], new.states[position])
+    for entry in sorted({*old.states, *new.states}):
+        name = f"{entry[0]}, {entry[1]} strain"
+        if entry in old.states and entry in new.states:
+            lines += _changes_of_state(name, old.states[entry], new.states[entry])
         else:
-            lines.append(f"{name}: {'gone' if position in old.states else 'new'}")
+            lines.append(f"{name}: {'gone' if entry in old.states else 'new'}")
     for metric, strain in sorted({*old.bars, *new.bars}):
         bars = [of.bars.get((metric, strain)) for of in (old, new)]
         if bars[0] != bars[1]:
@@ -413,8 +413,8 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
             **scalars,
         )
     bars = {}
-    for position, bar in dict(header["bars"]).items():
-        metric, strain_name = position.split("|")
+    for bar_of, bar in dict(header["bars"]).items():
+        metric, strain_name = bar_of.split("|")
         bars[metric, Strain(strain_name)] = math.inf if bar is None else float(bar)
     provenance = dict(header["provenance"])
     if "versions" in provenance:

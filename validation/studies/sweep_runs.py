@@ -176,13 +176,11 @@ def _put(data: dict[str, Any], key: str, value: float) -> None:
             table[size] = [value * x for x in whole] if isinstance(whole, list) else value * whole
         return
     *way, last = _steps(key)
-    position: Any = data
+    entry: Any = data
     for step in way:
-        position = (
-            position if isinstance(step, int) and isinstance(position, dict) else position[step]
-        )
-    is_count = isinstance(position[last], int) and float(value).is_integer()
-    position[last] = int(value) if is_count else value
+        entry = entry if isinstance(step, int) and isinstance(entry, dict) else entry[step]
+    is_count = isinstance(entry[last], int) and float(value).is_integer()
+    entry[last] = int(value) if is_count else value
 
 
 # Workers of a dask scheduler instead of this machine's threads: an optional extra.

@@ -101,6 +101,7 @@ FiniteStress::FiniteStress(Law law, const Moduli &moduli, const Matrix3 &h)
     const double det = h[0] * cof[0] + h[1] * cof[1] + h[2] * cof[2];
     _at = {trace(h) + trace(cof) + det, trace(_e), dot(_e, _e), 0.5 * dot(h, h) - trace(cof) - det};
     _coefficients = coefficients_of(law, moduli, _at);
+    _rates = rates_of(law, moduli, _at);
 }
 
 double FiniteStress::energy() const { return energy_of(_law, _moduli, _at); }
@@ -125,7 +126,7 @@ Matrix3 FiniteStress::stress() const {
 
 Matrix3 FiniteStress::change(const Matrix3 &dh) const {
     const auto [a, p, b] = _coefficients;
-    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = rates_of(_law, _moduli, _at);
+    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = _rates;
     Matrix3 cof = _d;
     for (std::size_t k = 0; k < 9; k += 4)
         cof[k] += 1.0;
@@ -165,6 +166,7 @@ ShapeStress::ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e)
     const double j = more / (1.0 + std::sqrt(1.0 + more));
     _at = {j, t, dot(e, e), 0.5 * j * more / (2.0 + j) - 2.0 * products - 4.0 * det};
     _coefficients = coefficients_of(law, moduli, _at);
+    _rates = rates_of(law, moduli, _at);
     for (std::size_t k = 0; k < 9; ++k)
         _less[k] = ((k % 4 == 0 ? 2.0 * t - j : 0.0) - 2.0 * e[k] + 4.0 * cof[k]) / (1.0 + j);
 }
@@ -181,7 +183,7 @@ Matrix3 ShapeStress::value() const {
 
 Matrix3 ShapeStress::change(const Matrix3 &de) const {
     const auto [a, p, b] = _coefficients;
-    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = rates_of(_law, _moduli, _at);
+    const auto [a_j, p_j, b_j, p_t, p_q, a_t] = _rates;
     const double dt = trace(de), dj = dot(_less, de) + dt, dq = 2.0 * dot(_e, de);
     const double da = a_j * dj + a_t * dt, dp = p_j * dj + p_t * dt + p_q * dq, db = b_j * dj;
     const Matrix3 dcof = cofactor_change(_e, de);

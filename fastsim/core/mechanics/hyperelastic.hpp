@@ -33,6 +33,7 @@ class FiniteStress {
     Matrix3 _h, _f, _e, _d; // H, F, E, d
     Invariants _at;
     StressCoefficients<double> _coefficients;
+    CoefficientRates _rates;
 };
 
 /// (L9) at a strain with a definite C, and its derivative along another.
@@ -50,6 +51,7 @@ class ShapeStress {
     Matrix3 _e, _less; // E, K - I
     Invariants _at;
     StressCoefficients<double> _coefficients;
+    CoefficientRates _rates;
 };
 
 Matrix3 cofactor(const Matrix3 &m);

@@ -52,7 +52,7 @@ def make(kit: Kit) -> None:
         facets: wp.array(dtype=wp.vec3i),
         pressures: wp.array2d(dtype=real),
         histories: wp.array2d(dtype=int),
-        fractions: wp.array2d(dtype=vec3),
+        corner_forces: wp.array2d(dtype=vec3),
     ):
         body, facet = wp.tid()
         if go[body] == 0:
@@ -66,7 +66,7 @@ def make(kit: Kit) -> None:
         factor = real(0.0)
         if histories[body, facet] >= 0:
             factor = factors[body, row[body], histories[body, facet]]
-        fractions[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
+        corner_forces[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
 
     @kit.kernel
     def press_points(
@@ -74,7 +74,7 @@ def make(kit: Kit) -> None:
         pressed: wp.array(dtype=int),
         start: wp.array(dtype=int),
         entries: wp.array(dtype=int),
-        fractions: wp.array2d(dtype=vec3),
+        corner_forces: wp.array2d(dtype=vec3),
         pressure: wp.array2d(dtype=vec3),
         force: wp.array2d(dtype=vec3),
     ):
@@ -83,7 +83,7 @@ def make(kit: Kit) -> None:
             return
         total = vec3()
         for at in range(start[k], start[k + 1]):
-            total += fractions[body, entries[at]]
+            total += corner_forces[body, entries[at]]
         point = pressed[k]
         pressure[body, point] = total
         force[body, point] = force[body, point] - total

@@ -31,7 +31,7 @@ def test_the_gate_judges_the_element_that_is_asked_for(command_line, tmp_path, e
 
 
 def test_what_is_solved_with_an_element_is_judged_as_such(command_line, tmp_path):
-    reported = tmp_path / "told.json"
+    reported = tmp_path / "reported.json"
     for kind in ("npz", "vtu"):
         answer = tmp_path / f"mine.{kind}"
         assert command_line("solve", "block", "--element", "smoothed", "-o", answer) == 0

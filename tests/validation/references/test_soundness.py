@@ -152,9 +152,9 @@ def test_a_bar_below_zero_or_nan_is_refused(bar):
 def test_a_bar_below_what_the_kept_meshes_and_steps_make_it_is_refused(name):
     problem, references = references_of(name)
     metric = "displacement_max" if problem.time is None else "trajectory_l2"
-    position = (metric, Strain.GREEN)
-    assert math.isfinite(references.bars[position])
-    smaller = {**references.bars, position: 0.5 * references.bars[position]}
+    key = (metric, Strain.GREEN)
+    assert math.isfinite(references.bars[key])
+    smaller = {**references.bars, key: 0.5 * references.bars[key]}
     spoiled = dataclasses.replace(references, bars=smaller)
     assert f"error bar of {metric}" in contradictions(problem, spoiled)
 

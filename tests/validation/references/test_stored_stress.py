@@ -37,8 +37,7 @@ def spec(**more: object) -> CheckSpec:
 
 def without_stress(references):
     states = {
-        position: dataclasses.replace(state, integrals=None)
-        for position, state in references.states.items()
+        key: dataclasses.replace(state, integrals=None) for key, state in references.states.items()
     }
     provenance = {**references.provenance, "added": {}}
     return dataclasses.replace(references, states=states, provenance=provenance)
@@ -95,10 +94,10 @@ def test_a_truth_without_them_is_inconclusive_and_says_what_to_do(whole):
 
 
 def test_stresses_that_do_not_balance_the_loads_are_refused(whole):
-    def with_change(position, **change):
-        state = whole.states[position]
+    def with_change(key, **change):
+        state = whole.states[key]
         kept = dataclasses.replace(state.integrals, **change)
-        changed = {**whole.states, position: dataclasses.replace(state, integrals=kept)}
+        changed = {**whole.states, key: dataclasses.replace(state, integrals=kept)}
         return dataclasses.replace(whole, states=changed)
 
     assert find_contradictions(CASE.problem, whole) == []

@@ -189,14 +189,14 @@ def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, na
     assert (SAME_MESH, Strain.LINEAR) not in of_smoothed.states
     assert of_smoothed.bar_of_part(quarter(), Strain.LINEAR, metric, part) == bar
     # Without linear tetrahedra beside it there is nothing to tell it from.
-    alone = {position: state for position, state in live.states.items() if position[0] != SAME_MESH}
+    alone = {key: state for key, state in live.states.items() if key[0] != SAME_MESH}
     lonely = dataclasses.replace(live, states=alone)
     assert lonely.bar_of_part(quarter(), Strain.LINEAR, metric, part) == float("inf")
 
 
 def test_a_truth_without_stresses_has_no_bar() -> None:
     known, part = references(), parts()["all"]
-    position = TRUTH, Strain.LINEAR
-    mute = dataclasses.replace(known.states[position], integrals=None)
-    without = dataclasses.replace(known, states={position: mute})
+    key = TRUTH, Strain.LINEAR
+    mute = dataclasses.replace(known.states[key], integrals=None)
+    without = dataclasses.replace(known, states={key: mute})
     assert without.bar_of_part(quarter(), Strain.LINEAR, "stress_l2", part) == float("inf")

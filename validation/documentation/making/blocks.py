@@ -118,16 +118,16 @@ def run_blocks(name: str, blocks: Iterable[Block]) -> dict[int, list[str]]:
     printed = {}
     with tempfile.TemporaryDirectory() as folder:
         environment = _with_palpate(Path(folder))
-        position = Path(folder) / "page"
-        position.mkdir()
+        page_folder = Path(folder) / "page"
+        page_folder.mkdir()
         for block in blocks:
             if block.file:
-                (position / block.file).write_text(block.text + "\n", encoding="utf-8")
+                (page_folder / block.file).write_text(block.text + "\n", encoding="utf-8")
             if not block.is_run:
                 continue
             done = subprocess.run(
                 [*_WITH[block.kind], block.text],
-                cwd=position, env=environment, capture_output=True, text=True, check=False,
+                cwd=page_folder, env=environment, capture_output=True, text=True, check=False,
             )  # fmt: skip
             if done.returncode != block.code:
                 raise BlockFailedError(

@@ -153,17 +153,17 @@ def _entry(entry: Mapping[str, Any], kind: str, called: str) -> str:
         ("reference", entry.get("reference", [])),
         ("held by", [entry["held_by"]]),
     ):
-        for position in map(find, words):
-            body = written_out(position)
-            parts += [_folded(who, one) for one in (position, body) if one is not None]
+        for location in map(find, words):
+            body = written_out(location)
+            parts += [_folded(who, one) for one in (location, body) if one is not None]
     return "\n".join(parts)
 
 
-def _folded(who: str, position: Location) -> str:
-    language = "python" if position.path.endswith(".py") else "cpp"
-    summary = html.escape(f"{position.path}:{position.first}"), html.escape(position.name)
+def _folded(who: str, location: Location) -> str:
+    language = "python" if location.path.endswith(".py") else "cpp"
+    summary = html.escape(f"{location.path}:{location.first}"), html.escape(location.name)
     return (
         f'<details class="source"><summary>{who}: <code>{summary[0]}</code> '
         f"<code>{summary[1]}</code></summary>\n\n"
-        f"```{language}\n{position.source()}\n```\n\n</details>\n"
+        f"```{language}\n{location.source()}\n```\n\n</details>\n"
     )

@@ -15,6 +15,7 @@ import json
 import os
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -285,7 +286,7 @@ def relax(
     return most, residual
 
 
-class Stepped:
+class Stepped(ABC):
     """A tool that only makes time steps: it is stepped to rest, or from output to output.
 
     Attributes:
@@ -308,17 +309,17 @@ class Stepped:
     time_step: float
     inertia: Any
 
+    @abstractmethod
     def step(self, part: float = 1.0) -> None:
         """Take a step, with supports at this fraction of their displacement."""
-        raise NotImplementedError
 
+    @abstractmethod
     def velocity(self) -> Any:
         """The array of velocities, which may be written to [m/s]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def displacement(self) -> Any:
         """Displacement of the points [m], (num_points, 3), a new array."""
-        raise NotImplementedError
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """From the start to rest, or to the end of the motion."""

@@ -17,6 +17,7 @@ solver. Its bodies have no mass damping: that is a force on the points, from the
 from __future__ import annotations
 
 import sys
+from abc import abstractmethod
 from typing import Any
 
 import newton
@@ -82,20 +83,16 @@ class SoftMesh(Stepped):  # type: ignore[misc]
         for index in np.flatnonzero(self.fixed.all(axis=1)).tolist():
             builder.particle_mass[index] = 0.0
         self._solver = self.make_solver(builder)
-        self._states, self._control = [self.model.state() for _ in range(2)], self.model.control()
+        self.now, self._next = self.model.state(), self.model.state()
+        self._control = self.model.control()
 
+    @abstractmethod
     def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
         """k_mu and k_lambda of a body with Lame's parameters at rest [Pa]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def make_solver(self, builder: Any) -> Any:
         """Finalize the model as `self.model`, and return its solver."""
-        raise NotImplementedError
-
-    @property
-    def now(self) -> Any:
-        """The present state."""
-        return self._states[0]
 
     def step(self, part: float = 1.0) -> None:
         """Take a step; what is fixed is put where it belongs."""
@@ -103,8 +100,8 @@ class SoftMesh(Stepped):  # type: ignore[misc]
         if self._force is not None:
             resisted = self._force - self._resisting * self.velocity()
             self.now.particle_f.numpy()[:] = resisted.astype(np.float32)
-        self._solver.step(*self._states, self._control, None, self.time_step)
-        self._states.reverse()
+        self._solver.step(self.now, self._next, self._control, None, self.time_step)
+        self.now, self._next = self._next, self.now
         self.now.particle_q.numpy()[self.fixed] = (self._rest + part * self._moved)[self.fixed]
         self.velocity()[self.fixed] = 0.0
 

@@ -24,6 +24,7 @@ converges to backward Euler only where steps are short.
 from __future__ import annotations
 
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -34,7 +35,7 @@ from harness import all_gradients, solve_case
 _I, _J = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 
 
-class Body:
+class Body(ABC):
     """The arrays of a case in motion, and its steps."""
 
     version, takes = np.__version__, ("inclusions",)
@@ -53,9 +54,9 @@ class Body:
         self.lmbda, self.mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
         self.is_free = job["fixed"] == 0
 
+    @abstractmethod
     def improve(self, u: Any, y: Any, w: Any) -> None:
         """Improve u+ once, in place."""
-        raise NotImplementedError
 
     def deformation_gradients(self, u: Any, cells: Any) -> Any:
         """F of some cells, (n, 3, 3)."""
