@@ -327,7 +327,7 @@ def compare_runs(
     second: Annotated[Path, typer.Argument(help="of another")],
     summary: Annotated[Path | None, typer.Option(help="the table as Markdown")] = None,
 ) -> None:
-    """Put two runs, or two versions, side by side; 1 where a verdict of the second is worse."""
+    """Put two runs, or two versions, side by side; 1 where the second is worse in anything."""
     from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.judging import run_comparison
     from palpate.validation.output_files import require_outputs
@@ -345,7 +345,8 @@ def compare_runs(
     if table.row_count:
         console.print(table)
     for remark in compared.remarks:
-        console.print(Text(for_terminal(remark)))
+        style = "red" if remark in compared.worse_cases else ""
+        console.print(Text(for_terminal(remark), style=style))
     if summary is not None:
         write_text_atomically(summary, compared.markdown(*names))
     raise typer.Exit(compared.exit_code)

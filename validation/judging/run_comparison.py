@@ -1,13 +1,14 @@
 """Two runs side by side: what each check found in one results.json and in another.
 
 Two versions of a simulator, two simulators, one on two machines, or today beside a run that
-somebody accepted. Nothing is judged anew.
+somebody accepted. Nothing is judged anew, but a file whose verdicts its own numbers do not give is
+refused.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -19,17 +20,24 @@ from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element
 from palpate.meshes.untrusted import parse_json, read_text
 from palpate.validation.case.body_schema import Number
+from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import check_name
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.quoting import for_markdown
-from palpate.validation.states import ExitCode
+from palpate.validation.states import ExitCode, Verdict, gravest
 
-# Changes smaller than this are rounding and solver noise.
-_QUIET = 1e-6
+# Fractions of the limit: changes below the first are rounding and solver noise; an error that grew
+# by more than the second is worse, though its verdict may be as it was.
+_QUIET, _WORSE = 1e-6, 0.01
 # From good to bad: a verdict further on is worse. A skipped check says nothing.
-_RANK = {"passed": 0, "skipped": 1, "inconclusive": 2, "failed": 3}
-# The changes that stand first in a table.
-_ORDER = ("worse", "gone", "larger error", "changed", "new", "better", "smaller error")
+_RANK = (Verdict.PASSED, Verdict.SKIPPED, Verdict.INCONCLUSIVE, Verdict.FAILED)
+# The changes that make the second run the worse, in the order of a table; then the others.
+_REGRESSIONS = (
+    "worse", "gone", "new and not passed", "value lost", "looser limit", "larger error",
+)  # fmt: skip
+_ORDER = (*_REGRESSIONS, "slightly larger error", "changed", "new", "better", "smaller error")
+# What the verdicts of these follow from: value, bar and limit.
+_BY_NUMBERS = ("truth", "same_mesh", "candidate", "versus")
 
 
 class CheckOfRun(BaseModel):
@@ -39,7 +47,7 @@ class CheckOfRun(BaseModel):
     against: str
     strain: str
     element: str = Element.LINEAR.value
-    verdict: str
+    verdict: Verdict
     limit: Number
     value: Number | None
     reference_error: Number | None = 0.0
@@ -51,11 +59,33 @@ class CheckOfRun(BaseModel):
         bar = " ± unknown" if error is None else f" ± {error:.1g}" if error else ""
         return f"{value}{bar}, {self.verdict}"
 
+    @property
+    def name(self) -> str:
+        """See `check_name`."""
+        return check_name(self.metric, self.against, self.strain, self.element)
+
+    @property
+    def is_lower_limit(self) -> bool:
+        """Whether the limit is the least that the value may be."""
+        return self.metric in CATALOGUE and CATALOGUE[self.metric].is_lower_limit
+
+    @property
+    def contradicts_itself(self) -> bool:
+        """Whether it says passed, and its numbers do not."""
+        if self.verdict is not Verdict.PASSED or self.against not in _BY_NUMBERS:
+            return False
+        if self.value is not None and self.is_lower_limit:
+            return not self.value > self.limit
+        value = math.inf if self.value is None else self.value
+        bar = math.inf if self.reference_error is None else self.reference_error
+        return decide(value, bar, self.limit) is not Verdict.PASSED
+
 
 class CaseOfRun(BaseModel):
     """The parts of a case that are compared."""
 
     name: str
+    verdict: Verdict
     checks: list[CheckOfRun]
     metrics: dict[str, Number | None] = {}
     provenance: dict[str, Any] = {}
@@ -71,7 +101,8 @@ def read_run(path: str | Path) -> dict[str, CaseOfRun]:
     """The cases of a results.json, by name.
 
     Raises:
-        FileFormatError: Missing, or not a results.json of this schema.
+        FileFormatError: Missing, not a results.json of this schema, without any check, with two
+            cases of one name, or with a verdict that its own numbers do not give.
     """
     try:
         document = parse_json(read_text(path))
@@ -79,7 +110,9 @@ def read_run(path: str | Path) -> dict[str, CaseOfRun]:
             raise ValueError("no schema")
         if document["schema"] != 1:
             raise ValueError(f"schema {document['schema']} is not known here (1 is)")
-        return {case.name: case for case in _Run.model_validate(document).cases}
+        cases = _Run.model_validate(document).cases
+        _require_sound(cases)
+        return {case.name: case for case in cases}
     except FileFormatError:
         raise
     except ValidationError as error:
@@ -88,6 +121,29 @@ def read_run(path: str | Path) -> dict[str, CaseOfRun]:
         raise FileFormatError(path, f"not a results.json ({where}: {first['msg']})") from error
     except ValueError as error:
         raise FileFormatError(path, f"not a results.json ({error})") from error
+
+
+def _require_sound(cases: Sequence[CaseOfRun]) -> None:
+    """Raise ValueError for a run that says nothing, or what its own numbers contradict."""
+    if not any(case.checks for case in cases):
+        raise ValueError("no case with a check in it: nothing was judged, so nothing compares")
+    names = [case.name for case in cases]
+    for case in cases:
+        if names.count(case.name) > 1:
+            raise ValueError(f"two cases are called {case.name!r}: judge each once")
+        for check in case.checks:
+            if check.contradicts_itself:
+                raise ValueError(
+                    f"{case.name}, {check.name} is said to have passed, but its value is "
+                    f"{check.value}, its bar {check.reference_error} and its limit {check.limit}: "
+                    "the file is not as it was written; judge the case again"
+                )
+        least = gravest([check.verdict for check in case.checks])
+        if _RANK.index(case.verdict) < _RANK.index(least):
+            raise ValueError(
+                f"{case.name} is said to be {case.verdict}, but a check of it {least}: the file "
+                "is not as it was written; judge the case again"
+            )
 
 
 @dataclass(frozen=True)
@@ -108,24 +164,51 @@ class Pair:
 
     @property
     def change(self) -> str:
-        """The change: better, worse, same, new or gone; by verdict, then by the error."""
-        if self.first is None or self.second is None:
-            return "new" if self.first is None else "gone"
-        ranks = [_RANK.get(check.verdict, 3) for check in (self.first, self.second)]
-        if ranks[0] != ranks[1]:
-            return "worse" if ranks[1] > ranks[0] else "better"
-        before, now = self.first.value, self.second.value
-        if before is None or now is None:
-            return "same" if before == now else "changed"
-        limit = max(abs(self.first.limit), abs(self.second.limit))
-        if abs(now - before) <= _QUIET * limit:
+        """What changed in a word or two: by verdict, limit, then value; "same" if nothing did."""
+        if self.second is None:
+            return "gone"
+        now = self.second
+        if self.first is None:
+            is_good = now.verdict in (Verdict.PASSED, Verdict.SKIPPED)
+            return "new" if is_good else "new and not passed"
+        before = self.first
+        ranks = [_RANK.index(check.verdict) for check in (before, now)]
+        if ranks[1] > ranks[0]:
+            return "worse"
+        if now.value is None and before.value is not None:
+            return "value lost"
+        if self.is_looser:
+            return "looser limit"
+        if ranks[1] < ranks[0]:
+            return "better"
+        return self._change_of_value(before, now)
+
+    @staticmethod
+    def _change_of_value(before: CheckOfRun, now: CheckOfRun) -> str:
+        if before.value is None or now.value is None:
+            return "same" if before.value == now.value else "changed"
+        grown, limit = abs(now.value) - abs(before.value), max(abs(before.limit), abs(now.limit))
+        if now.is_lower_limit:
+            grown = before.value - now.value
+        if abs(now.value - before.value) <= _QUIET * limit:
             return "same"
-        return "larger error" if abs(now) > abs(before) else "smaller error"
+        if now.against not in _BY_NUMBERS:  # its limit may be the least that it may be
+            return "changed"
+        if grown <= 0.0:
+            return "smaller error"
+        return "larger error" if grown > _WORSE * limit else "slightly larger error"
+
+    @property
+    def is_looser(self) -> bool:
+        """Whether the second run's limit allows more."""
+        if self.first is None or self.second is None or self.first.limit == self.second.limit:
+            return False
+        return (self.second.limit > self.first.limit) is not self.second.is_lower_limit
 
     @property
     def is_worse(self) -> bool:
-        """Whether the second run's verdict is the worse, or it has lost the check."""
-        return self.change in ("worse", "gone")
+        """Whether the second run is worse here: see `change`."""
+        return self.change in _REGRESSIONS
 
     @property
     def cells(self) -> tuple[str, str, str, str, str]:
@@ -141,15 +224,18 @@ class RunComparison:
     Attributes:
         pairs: Every check, matched by case, metric, strain and element; what is worse first.
         remarks: Sentences on limits, problems and the numbers that changed most.
+        worse_cases: Sentences on whole cases that are worse, or another problem.
     """
 
     pairs: tuple[Pair, ...]
     remarks: tuple[str, ...]
+    worse_cases: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
-        """Failed where a check of the second run is worse or gone, passed otherwise."""
-        return ExitCode.FAILED if any(pair.is_worse for pair in self.pairs) else ExitCode.PASSED
+        """Failed where a check or a case of the second run is worse or gone, else passed."""
+        is_worse = bool(self.worse_cases) or any(pair.is_worse for pair in self.pairs)
+        return ExitCode.FAILED if is_worse else ExitCode.PASSED
 
     @property
     def changed(self) -> list[Pair]:
@@ -174,23 +260,25 @@ def compare_runs(first: str | Path, second: str | Path) -> RunComparison:
     before, now = read_run(first), read_run(second)
     pairs: list[Pair] = []
     remarks: list[str] = []
+    worse: list[str] = []
     for name in dict.fromkeys([*before, *now]):
         old, new = before.get(name), now.get(name)
         pairs += _pairs(name, old, new)
+        worse += [f"{name} {line}" for line in _worse_cases(old, new)]
         if old is not None and new is not None:
-            remarks += [f"{name} {remark}" for remark in _changes_of_case(old, new)]
+            remarks += [f"{name} {line}" for line in _changed_numbers(old, new)]
     remarks += [line for pair in pairs for line in _changed_limit(pair)]
     same = sum(pair.change == "same" for pair in pairs)
     pairs.sort(key=lambda pair: (*_ORDER, "same").index(pair.change))
-    return RunComparison(tuple(pairs), (f"{same} of {len(pairs)} checks found the same.", *remarks))
+    remarks = [f"{same} of {len(pairs)} checks found the same.", *worse, *remarks]
+    return RunComparison(tuple(pairs), tuple(remarks), tuple(worse))
 
 
 def _pairs(name: str, first: CaseOfRun | None, second: CaseOfRun | None) -> Iterator[Pair]:
     found: dict[str, tuple[list[CheckOfRun], list[CheckOfRun]]] = {}
     for which, case in enumerate((first, second)):
         for check in case.checks if case is not None else ():
-            called = check_name(check.metric, check.against, check.strain, check.element)
-            found.setdefault(called, ([], []))[which].append(check)
+            found.setdefault(check.name, ([], []))[which].append(check)
     # A metric may be asked for at several points: such checks are matched in their order.
     for check_called, lists in found.items():
         yield from (Pair(name, check_called, *both) for both in zip_longest(*lists))
@@ -199,17 +287,24 @@ def _pairs(name: str, first: CaseOfRun | None, second: CaseOfRun | None) -> Iter
 def _changed_limit(pair: Pair) -> Iterator[str]:
     if pair.first is None or pair.second is None or pair.first.limit == pair.second.limit:
         return
-    metric = CATALOGUE.get(pair.second.metric)
-    is_lower = metric is not None and metric.is_lower_limit
-    word = "looser" if (pair.second.limit > pair.first.limit) != is_lower else "tighter"
+    word = "looser" if pair.is_looser else "tighter"
     limits = f"{pair.first.limit:g}, then {pair.second.limit:g}"
     yield f"{pair.case}, {pair.check}: limit {limits} ({word})."
 
 
-def _changes_of_case(first: CaseOfRun, second: CaseOfRun) -> Iterator[str]:
-    """Whether it is another problem, and the number of the body that changed most."""
-    if first.provenance.get("case_key") != second.provenance.get("case_key"):
-        yield ("is another problem in the two runs: mesh, material, supports or loads differ.")
+def _worse_cases(first: CaseOfRun | None, second: CaseOfRun | None) -> Iterator[str]:
+    """Whether a case is gone, another problem, or of a worse verdict."""
+    if second is None:
+        yield "is gone."
+    elif first is not None:
+        if first.provenance.get("case_key") != second.provenance.get("case_key"):
+            yield "is another problem in the two runs: mesh, material, supports or loads differ."
+        if _RANK.index(second.verdict) > _RANK.index(first.verdict):
+            yield f"was {first.verdict} and is {second.verdict}."
+
+
+def _changed_numbers(first: CaseOfRun, second: CaseOfRun) -> Iterator[str]:
+    """The number of the body that changed most."""
     worst, name = 0.0, ""
     for metric, now in second.metrics.items():
         before = first.metrics.get(metric)

@@ -29,6 +29,7 @@ RUN = {
     "cases": [
         {
             "name": "liver",
+            "verdict": "passed",
             "provenance": {"case_key": "k"},
             "metrics": {"fastsim.green.volume": 2.0, "error.truth.green.volume": 1e-12},
             "checks": [
@@ -60,8 +61,9 @@ def changes(found: RunComparison) -> dict[str, str]:
 
 
 def make_worse(case: Any) -> None:
-    case["checks"][0].update(value=0.021)
+    case["checks"][0].update(value=0.0201)
     case["checks"][1].update(value=0.09, verdict="failed")
+    case.update(verdict="failed")
 
 
 def test_the_same_run_twice_is_the_same(tmp_path: Path) -> None:
@@ -76,7 +78,7 @@ def test_a_verdict_that_got_worse_fails_and_stands_first(tmp_path: Path) -> None
     found = compared(tmp_path, make_worse)
     assert changes(found) == {
         "volume (truth, green)": "worse",
-        "displacement_l2 (truth, green)": "larger error",
+        "displacement_l2 (truth, green)": "slightly larger error",
         "volume (truth, green, smoothed)": "same",
         "smallest_det_f (own, green)": "same",
     }
@@ -95,9 +97,93 @@ def test_a_check_that_is_gone_is_worse_and_a_new_one_is_not(tmp_path: Path) -> N
     assert other_way.exit_code is ExitCode.PASSED
 
 
-def test_an_answer_that_lost_its_number_has_changed(tmp_path: Path) -> None:
-    found = compared(tmp_path, lambda case: case["checks"][0].update(value=None))
-    assert changes(found)["displacement_l2 (truth, green)"] == "changed"
+def failed(case: Any, number: int, **fields: Any) -> None:
+    case["checks"][number].update(verdict="failed", **fields)
+    case.update(verdict="failed")
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        # 0.02 of 0.05 was passed, and so is 0.04.
+        (lambda case: case["checks"][0].update(value=0.04), "larger error"),
+        (lambda case: case["checks"][0].update(limit=0.5), "looser limit"),
+        # The limit of smallest_det_f is the least that it may be, and so a loss is a smaller one.
+        (lambda case: case["checks"][3].update(limit=0.1), "looser limit"),
+        (lambda case: case["checks"][3].update(value=0.3), "larger error"),
+        (lambda case: failed(case, 0, value=None), "worse"),
+        (lambda case: case["checks"].append(check("reaction", 1.0, "passed", limit=2.0)), None),
+        (
+            lambda case: (
+                case["checks"].append(check("reaction", 3.0, "failed", limit=2.0)),
+                case.update(verdict="failed"),
+            ),
+            "new and not passed",
+        ),
+    ],
+)
+def test_numbers_limits_and_checks_decide_and_not_only_words(
+    tmp_path: Path, change: Any, word: str | None
+) -> None:
+    found = compared(tmp_path, change)
+    assert found.exit_code is (ExitCode.PASSED if word is None else ExitCode.FAILED)
+    assert (word or "new") in changes(found).values()
+
+
+def test_a_failed_check_that_passes_by_a_looser_limit_is_worse(tmp_path: Path) -> None:
+    first = written(tmp_path, "a.json", lambda case: failed(case, 0, value=0.2))
+    second = written(tmp_path, "b.json", lambda case: case["checks"][0].update(value=0.2, limit=1))
+    found = compare_runs(first, second)
+    assert changes(found)["displacement_l2 (truth, green)"] == "looser limit"
+    assert found.exit_code is ExitCode.FAILED
+
+
+def test_a_value_that_is_gone_is_worse_whatever_the_verdict(tmp_path: Path) -> None:
+    first = written(tmp_path, "a.json", lambda case: failed(case, 0, value=0.2))
+    second = written(tmp_path, "b.json", lambda case: failed(case, 0, value=None))
+    assert compare_runs(first, second).exit_code is ExitCode.FAILED
+    assert compare_runs(second, first).exit_code is ExitCode.PASSED
+
+
+@pytest.mark.parametrize(
+    ("change", "remark"),
+    [
+        # Inconclusive though every check passed: they are all vacuous, say.
+        (lambda case: case.update(verdict="inconclusive"), "was passed and is inconclusive"),
+        (lambda case: case["provenance"].update(case_key="other"), "is another problem"),
+        (lambda case: case.update(name="kidney"), "liver is gone"),
+    ],
+)
+def test_whole_cases_decide_too(tmp_path: Path, change: Any, remark: str) -> None:
+    found = compared(tmp_path, change)
+    assert found.exit_code is ExitCode.FAILED
+    assert any(remark in line for line in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda run: run.update(cases=[]), "nothing was judged"),
+        (lambda run: run["cases"][0].update(checks=[]), "nothing was judged"),
+        (lambda run: run["cases"].append(run["cases"][0]), "two cases are called 'liver'"),
+        (lambda run: run["cases"][0]["checks"][0].update(value=0.5), "said to have passed"),
+        (lambda run: run["cases"][0]["checks"][0].update(value=None), "said to have passed"),
+        (lambda run: run["cases"][0]["checks"][0].update(reference_error=None), "said to have"),
+        (lambda run: run["cases"][0]["checks"][3].update(value=0.1), "said to have passed"),
+        (lambda run: run["cases"][0]["checks"][1].update(verdict="failed"), "said to be passed"),
+        (lambda run: run["cases"][0]["checks"][1].update(verdict="fine"), "verdict"),
+    ],
+)
+def test_a_run_that_is_empty_or_contradicts_itself_is_refused(
+    tmp_path: Path, palpate_run: Any, change: Any, words: str
+) -> None:
+    run = copy.deepcopy(RUN)
+    change(run)
+    path = tmp_path / "b.json"
+    path.write_text(json.dumps(run), "utf-8")
+    done = palpate_run("compare-runs", written(tmp_path, "a.json"), path)
+    assert done.returncode == 2
+    assert words in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(
