@@ -229,11 +229,15 @@ def judge(
         progress: Called with a line of text from time to time.
 
     Returns:
-        The verdict, and every check with its number, limit and reason. A simulator that raises,
-        crashes or returns NaN has failed.
+        The verdict, and every check with its number, limit and reason. A simulator that raises
+        (SystemExit and KeyboardInterrupt, too), crashes or returns NaN has failed.
 
     Raises:
-        InputError: No check for this simulator, no reference, or displacements of a wrong shape.
+        InputError: No check for this simulator, no reference, or displacements of a wrong shape or
+            kind: complex, masked, truth values, text, objects, with units.
+        KeyboardInterrupt: The process was interrupted by a signal. A function that sends itself
+            one is taken for the user, and one that calls `os._exit` ends your script: run such a
+            simulator as a command.
 
     >>> import palpate
     >>> def nothing_moves(problem):

@@ -160,6 +160,93 @@ def test_a_function_of_the_wrong_shape_is_refused_and_nan_has_failed() -> None:
     assert spoiled.verdict is palpate.Verdict.FAILED
 
 
+class EndsWhenRead:
+    def __array__(self, *_: object, **__: object) -> None:
+        sys.exit(0)
+
+
+class Stop(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("error", [SystemExit(0), SystemExit(), KeyboardInterrupt(), Stop()])
+def test_a_function_that_ends_python_has_failed(error: BaseException) -> None:
+    def ends(_problem: palpate.Problem) -> Points:
+        raise error
+
+    assert palpate.judge("block", ends).verdict is palpate.Verdict.FAILED
+
+
+def test_a_function_that_ends_python_when_its_numbers_are_read_has_failed() -> None:
+    def lazy(_problem: palpate.Problem) -> object:
+        return EndsWhenRead()
+
+    assert palpate.judge("block", lazy).verdict is palpate.Verdict.FAILED  # type: ignore[arg-type]
+
+
+def test_an_interrupt_of_the_user_ends_the_script_while_a_function_runs() -> None:
+    done = python(
+        "import os, signal, threading, time, palpate\n"
+        "def slow(problem):\n"
+        "    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "    time.sleep(30)\n"
+        "palpate.judge('block', slow)\n"
+        "print('lives on')\n"
+    )
+    assert done.returncode != 0
+    assert "KeyboardInterrupt" in done.stderr
+    assert "lives on" not in done.stdout
+
+
+def test_a_function_that_changes_its_problem_is_judged_by_the_case_as_it_was() -> None:
+    case = palpate.load_case("block")
+
+    def frees_everything(problem: palpate.Problem) -> Points:
+        problem.mesh.points.setflags(write=True)
+        for array in (*(s.points for s in problem.supports), problem.mesh.points):
+            array[:] = 0
+        return np.zeros_like(problem.mesh.points)
+
+    before = [s.points.copy() for s in case.problem.supports]
+    points = case.problem.mesh.points.copy()
+    assert palpate.judge(case, frees_everything).verdict is palpate.Verdict.FAILED
+    assert all(
+        np.array_equal(s.points, b) for s, b in zip(case.problem.supports, before, strict=True)
+    )
+    assert np.array_equal(case.problem.mesh.points, points)
+
+
+class InMillimetres(np.ndarray):  # type: ignore[type-arg]
+    units = "mm"
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda u: u.astype(complex), "complex128"),
+        (lambda u: u.astype(object), "object"),
+        (lambda u: u != 0.0, "bool"),
+        (lambda u: u.astype("U32"), "<U32"),
+        (lambda u: u.astype("S32"), "S32"),
+        (lambda u: (u * 1e9).astype("m8[ns]"), "timedelta64"),
+        (lambda u: np.ma.masked_array(u, np.zeros(u.shape, dtype=bool)), "masked"),
+        (lambda u: np.ma.masked_invalid(np.where(u == u.max(), np.nan, u)), "masked"),
+        (lambda u: list(np.ma.masked_array(u, u > 0.0)), "masked"),
+        (lambda u: [[complex(x) for x in row] for row in u], "complex128"),
+        (lambda u: u.view(InMillimetres), "mm"),
+        (lambda _u: None, "object"),
+    ],
+)
+def test_what_is_no_array_of_real_numbers_is_refused_with_words(change: object, word: str) -> None:
+    case = palpate.load_case("block")
+    right = palpate.solve(case.problem).displacement
+    assert callable(change)
+    with pytest.raises(palpate.InputError, match=word):
+        palpate.compare(case, change(right))
+    with pytest.raises(palpate.InputError, match=word):
+        palpate.judge(case, lambda _problem: change(right))
+
+
 def test_a_state_of_the_reference_is_compared_under_a_name_of_its_own() -> None:
     answer = palpate.solve(palpate.load_case("block").problem)
     named = dataclasses.replace(answer, label="reference P1", simulator="reference")

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -239,18 +244,50 @@ def result_candidate(path: str | Path, element: Element | None = None) -> Candid
 
 
 def function_candidate(function: Function) -> Candidate:
-    """A function as a candidate; what it raises is its failure."""
+    """A function as a candidate; whatever it raises is its failure, SystemExit among it.
+
+    It gets a copy of the problem, so that nothing that it changes there is judged by. An interrupt
+    that comes as a signal while it runs is the user's, and ends the program; `os._exit` does too.
+    """
     name = candidate_name(getattr(function, "__name__", type(function).__name__))
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
-        try:
-            displacement = function(problem)
-        except Exception as error:
-            raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
+        given, has_returned = copy.deepcopy(problem), False
+        with _noted_interrupts() as interrupts:
+            try:
+                displacement = function(given)
+                has_returned = True
+                # Read here: it may compute its numbers when it is asked for them.
+                displacement = _numbers(displacement, name)
+            except BaseException as error:
+                if interrupts or (has_returned and isinstance(error, ResultFileError)):
+                    raise
+                raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
         return _state(displacement, problem, name, strain)
 
     return Candidate(name, solve)
+
+
+@contextmanager
+def _noted_interrupts() -> Iterator[list[int]]:
+    """A list to which each SIGINT is added that arrives meanwhile, before it is handled as ever."""
+    noted: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield noted  # no interrupt is raised here
+        return
+    handle = handler
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        handle(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def solution_candidate(solution: str | Path | State | ArrayLike) -> Candidate:
@@ -280,10 +317,7 @@ def _state(
     num_points = problem.mesh.num_points
     span = problem.time
     shape = (num_points, 3) if span is None else (span.num_outputs + 1, num_points, 3)
-    try:
-        values = np.array(displacement, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ResultFileError(name, f"no array of numbers ({error})") from error
+    values = _numbers(displacement, name)
     if values.shape != shape:
         raise ResultFileError(
             name, f"displacement has shape {values.shape}; this case needs {shape} [m]"
@@ -299,3 +333,37 @@ def _state(
     values = values.reshape(-1, num_points, 3)
     result = ResultFile(Path(name), values, are_positions=False, times=times, about=about)
     return state_of_result(result, problem, name, strain)
+
+
+def _numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Plain real numbers as an array of its own.
+
+    Raises:
+        ResultFileError: They are none: complex, truth values, text, objects, masked, with a unit.
+    """
+    for attribute in ("units", "unit"):
+        if hasattr(values, attribute):
+            raise ResultFileError(
+                name,
+                f"displacement is in {getattr(values, attribute)}: give plain numbers in metres",
+            )
+    if _is_masked(values):
+        raise ResultFileError(
+            name, "displacement is a masked array: fill what is masked, or give its `.data`"
+        )
+    try:
+        array = np.array(values)
+    except Exception as error:
+        raise ResultFileError(name, f"no array of numbers ({error})") from error
+    if array.dtype.kind not in "fiu":
+        raise ResultFileError(
+            name, f"displacement holds {array.dtype}: give real numbers, as an array of float64"
+        )
+    return array.astype(np.float64)
+
+
+def _is_masked(values: object, depth: int = 3) -> bool:
+    """Whether something is a masked array, or a list of such."""
+    if isinstance(values, list | tuple) and depth:
+        return any(_is_masked(value, depth - 1) for value in values)
+    return isinstance(values, np.ma.MaskedArray)
