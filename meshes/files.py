@@ -1,7 +1,8 @@
 """Surfaces and meshes in files, read and written by meshio, with the checks that it lacks.
 
-meshio 5 lets NaN and out-of-range indices pass, raises SystemExit on damaged XML and asks for
-any amount of memory a header claims. Here all of that is a FileFormatError of one line.
+meshio 5 lets NaN and out-of-range indices pass, raises SystemExit on damaged XML, asks for any
+amount of memory a header claims and reads on for ever past the end of a file that is cut off. Here
+all of that is a FileFormatError of one line.
 """
 
 from __future__ import annotations
@@ -35,7 +36,12 @@ MOST_BYTES = 512 * 1024**2
 # Memory for the reader besides: it makes Python lists of text and copies arrays several times.
 _SPARE_BYTES, _PER_FILE_BYTE, _PER_UNPACKED_BYTE = 256 * 1024**2, 64, 6
 
-_DATA_SECTION = re.compile(rb"^\$(?:Node|Element)Data[ \t]*\r?\n", re.MULTILINE)
+# Whose readers ask for lines until one comes that they know; the others stop by themselves.
+_BY_LINES = (".ply", ".off", ".obj", ".msh")
+# Reads past the end of a file after which it counts as cut off: a reader that stops makes few.
+_MOST_PAST_END = 1000
+_PLY_COUNT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
+_PLY_HEADER_BYTES = 10_000
 
 # Cells of lower dimension that may stand beside the wanted ones.
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
@@ -227,10 +233,10 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
     file = Path(path)
     suffix = _known_suffix(file, known)
     with open_plain(file, most_bytes=4 * most_bytes) as stream:
-        start: bytes = stream.read(4 * most_bytes if suffix == ".msh" else 0)
+        start = stream.read(_PLY_HEADER_BYTES if suffix == ".ply" else 0)
         size = stream.seek(0, io.SEEK_END)
-    if suffix == ".msh" and _says_more_than_it_holds(start):
-        raise FileFormatError(path, "cannot be read as msh (it says it has more than it holds)")
+    if any(len(count[1]) > 18 or int(count[1]) > size for count in _PLY_COUNT.finditer(start)):
+        raise FileFormatError(path, "cannot be read as ply (its header states more than it holds)")
     unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
     room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:
@@ -240,7 +246,7 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
             contextlib.redirect_stderr(io.StringIO()),
             limited_memory(room),
         ):
-            data = meshio.gmsh.read(file) if suffix == ".msh" else meshio.read(file)
+            data = _read_by_meshio(file, suffix)
     except (SystemExit, Exception) as error:
         reason = str(error) if str(error) and not isinstance(error, SystemExit) else "damaged"
         first_line = reason.strip().splitlines()[0][:200]
@@ -255,15 +261,34 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
     return data
 
 
-def _says_more_than_it_holds(text: bytes) -> bool:
-    """Whether a data section of gmsh is cut off: meshio would read on past its end for ever."""
-    for section in _DATA_SECTION.finditer(text):
-        lines, at = text[section.end() :].splitlines(), 0
-        for _ in ("text", "real", "whole"):
-            if at >= len(lines) or not lines[at].strip().isdigit():
-                return True
-            at += 1 + int(lines[at])
-    return False
+class _Ending(io.BufferedReader):
+    """A file with an end: whoever reads on past it again and again gets an EOFError."""
+
+    _num_past_end = 0
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        return self._counted(super().readline(size))
+
+    def read1(self, size: int = -1, /) -> bytes:
+        return self._counted(super().read1(size))
+
+    def _counted(self, found: bytes) -> bytes:
+        self._num_past_end = 0 if found else self._num_past_end + 1
+        if self._num_past_end > _MOST_PAST_END:
+            raise EOFError("cut off")
+        return found
+
+
+def _read_by_meshio(file: Path, suffix: str) -> Any:
+    if suffix not in _BY_LINES:
+        return meshio.read(file)
+    with _Ending(io.FileIO(file)) as stream:
+        if suffix == ".msh":
+            return meshio.gmsh.main.read_buffer(stream)
+        if suffix == ".ply":
+            return meshio.read(stream, "ply")
+        with io.TextIOWrapper(stream, encoding="utf-8") as text:
+            return meshio.read(text, suffix[1:])
 
 
 def _cells_of(data: Any, kind: str) -> NDArray[Any]:

@@ -7,7 +7,7 @@ faces, are cut into tetrahedra and triangles.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +31,8 @@ from palpate.validation.importing.model import (
 MOST_BYTES = 256 * 1024**2
 _DEEPEST = 8
 _MOST_FILES = 100
+# Most numbers that all sets, surfaces and loads name together: a gigabyte.
+_MOST_NAMED = 10_000_000
 _PARTS = re.compile(r'\s*("[^"]*"|[^,]*)\s*(?:,|$)')
 # The parameters of each keyword that are read, or that change no mechanics.
 _PARAMETERS = {
@@ -213,6 +215,7 @@ class AbaqusMesh:
         self.cell_sets: dict[str, list[int]] = {}
         self.surfaces: dict[str, list[tuple[int, int]]] = {}
         self.kinds: dict[str, int] = {}
+        self._num_named = 0
         readers = {
             "NODE": self._node,
             "ELEMENT": self._element,
@@ -259,7 +262,8 @@ class AbaqusMesh:
                 raise source.refuse(f"node {label} is there twice, at different positions")
             new.append(label)
         if "NSET" in card.parameters:
-            self.node_sets.setdefault(card.require("NSET"), []).extend(new)
+            name = card.require("NSET")
+            self.node_sets[name] = list(dict.fromkeys([*self.node_sets.get(name, []), *new]))
 
     def _element(self, card: Card) -> None:
         kind = card.require("TYPE")
@@ -296,20 +300,33 @@ class AbaqusMesh:
         is_of_nodes = card.keyword == "NSET"
         sets = self.node_sets if is_of_nodes else self.cell_sets
         known: Collection[int] = self.nodes if is_of_nodes else self.cells
-        found: list[int] = []
+        name = card.require(card.keyword)
+        found = dict.fromkeys(sets.get(name, []))
         for source, fields in card.lines:
             if "GENERATE" in card.parameters:
-                found += _generated(source, fields, f"*{card.keyword}")
+                all_of = _generated(source, fields, f"*{card.keyword}", len(known))
+                found.update(dict.fromkeys(self._counted(all_of, source)))
                 continue
             for text in fields:
                 if not text:
                     continue
                 label = label_of(text, source, f"*{card.keyword}")
-                found += [label] if isinstance(label, int) else _of(sets, label, source)
+                labels = [label] if isinstance(label, int) else _of(sets, label, source)
+                found.update(dict.fromkeys(self._counted(labels, source)))
         for label in found:
             if label not in known:
                 raise card.refuse(f"*{card.keyword} names {label}, which is not there")
-        sets.setdefault(card.require(card.keyword), []).extend(found)
+        sets[name] = list(found)
+
+    def _counted(self, labels: Sequence[int], source: Source) -> Sequence[int]:
+        """Numbers that a line names, as long as all lines together do not name too many."""
+        self._num_named += len(labels)
+        if self._num_named > _MOST_NAMED:
+            raise source.refuse(
+                f"sets, surfaces and loads name more than {_MOST_NAMED} nodes and elements up to "
+                "here; name each set once"
+            )
+        return labels
 
     def _surface(self, card: Card) -> None:
         name = card.require("NAME")
@@ -343,11 +360,13 @@ class AbaqusMesh:
 
     def cells_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a cell or a set of them."""
-        return _named(text, source, "element", self.cells, self.cell_sets)
+        labels = _named(text, source, "element", self.cells, self.cell_sets)
+        return list(self._counted(labels, source))
 
     def nodes_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a node or a set of them."""
-        return _named(text, source, "node", self.nodes, self.node_sets)
+        labels = _named(text, source, "node", self.nodes, self.node_sets)
+        return list(self._counted(labels, source))
 
     def facets(self, faces: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Faces of cells as rows of corner nodes, seen from outside counter-clockwise."""
@@ -386,12 +405,18 @@ def _of(sets: dict[str, list[int]], name: str, source: Source) -> list[int]:
     return sets[name]
 
 
-def _generated(source: Source, fields: list[str], what: str) -> list[int]:
+def _generated(source: Source, fields: list[str], what: str, most: int) -> range:
     words = [text for text in fields if text]
     if len(words) not in (2, 3):
         raise source.refuse(f"{what}, GENERATE: needs first, last and step")
     first, last, *rest = (whole(text, source, what) for text in words)
     step = rest[0] if rest else 1
-    if step < 1 or last < first or (last - first) // step > 10_000_000:
+    labels = range(first, last + 1, max(step, 1))
+    if step < 1 or not labels:
         raise source.refuse(f"{what}, GENERATE: {first} to {last} by {step} is no range")
-    return list(range(first, last + 1, step))
+    if (last - first) // step >= most:
+        raise source.refuse(
+            f"{what}, GENERATE: {first} to {last} by {step} names more than the {most} that the "
+            "file lists up to here"
+        )
+    return labels

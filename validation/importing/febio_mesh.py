@@ -126,6 +126,7 @@ class FebioMesh:
     def _node_set(self, element: Element) -> Rows:
         """Format 4.0 lists numbers; the others have an element a node."""
         rows = self._rows(element, element.wholes())
+        listed: set[str] = set()
         for child in element:
             match child.tag:
                 case "node" | "n":
@@ -133,6 +134,9 @@ class FebioMesh:
                 case "node_set" if (
                     name := child.attributes.get("node_set", child.text)
                 ) in self.node_sets:
+                    if name in listed:
+                        raise child.refuse(f"<NodeSet> lists {name[:60]!r} twice")
+                    listed.add(name)
                     rows += self.node_sets[name].tolist()
                 case _:
                     raise child.refuse(f"<{child.tag}> in <NodeSet> is not known here")
