@@ -317,7 +317,8 @@ def audit(
         Residual, balance of forces and moments, stability, estimated errors, each cell's part.
 
     Raises:
-        InputError: The case is a motion, or the solution cannot be used.
+        InputError: The case is a motion, or the solution cannot be used: it is on another mesh
+            than the case's, say.
         CandidateFailedError: The solution contains NaN.
         ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
 
@@ -347,7 +348,7 @@ def audit_result(
     3 test those of the continuum, whatever the element. See `audit`.
 
     Raises:
-        InputError: The case is a motion, or the result cannot be read.
+        InputError: The case is a motion, or the result cannot be read or is on another mesh.
         CandidateFailedError: The result contains NaN, numbers too large to measure, or a body
             of quite another size.
         ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
@@ -364,6 +365,14 @@ def audit_result(
     unmeasurable = unmeasurable_state(state)
     if unmeasurable:
         raise CandidateFailedError(unmeasurable)
+    if state.own is not None:
+        own, mesh = state.own.mesh, problem.mesh
+        raise InputError(
+            f"{candidate.name} is on a mesh of its own, of {own.num_points} points and "
+            f"{own.num_cells} cells; the case has {mesh.num_points} and {mesh.num_cells}. An audit "
+            "sees the case's points alone, and nothing between them: send the displacement at "
+            "these, without other points, or judge it where it is by `palpate compare`"
+        )
     displacement = state.displacement
     if degree == 1:
         progress(f"audit on degree 1: {displacement.size} degrees of freedom")

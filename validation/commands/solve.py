@@ -122,7 +122,10 @@ def audit(
         typer.Option(help=".vtu with each cell's part, where to refine, and by how much it turns"),
     ] = None,
 ) -> None:
-    """Measure a result against the equations it should satisfy, without solving them."""
+    """Measure a result, at the case's points, against the equations it should satisfy.
+
+    Nothing is solved. A result on a mesh of its own is refused: `palpate compare` judges it there.
+    """
     import numpy as np
 
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
@@ -143,9 +146,6 @@ def audit(
     used, progress = strain or loaded.strain, progress_lines()
     state, found = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     wrong = failures(found, limit)
-    # Where a result has its own mesh, the audit uses the case's points only.
-    if not wrong and not state.smallest_det_f > 0.0:
-        wrong = [_INVERTED]
     print_lines((*describe(found), *state.remarks))
     write_json(json, as_numbers(found, wrong))
     if cells is not None:

@@ -8,8 +8,10 @@ import json
 import numpy as np
 import pytest
 
+import palpate
 from palpate.meshes.files import read_mesh, write_mesh
 from palpate.meshes.problem import Strain
+from palpate.meshes.refinement import refine_uniformly
 from palpate.reference.child import run_task
 from palpate.reference.tasks import AuditTask
 from palpate.validation.case import load_case
@@ -42,6 +44,32 @@ def test_an_equilibrium_passes_and_a_softer_answer_does_not(solved, tmp_path, co
     softer = json.loads(numbers.read_text())
     # Two per cent too far everywhere, held points included, which do not move.
     assert softer["displacement_error"] == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_result_on_a_mesh_of_its_own_is_refused_with_its_numbers_of_points(
+    solved, tmp_path, command_line, capsys, degree
+):
+    """At the case's points it is the equilibrium; between them it is garbage, or none at all."""
+    _, problem, displacement = solved
+    finer = refine_uniformly(problem.mesh)
+    own = np.zeros((finer.num_points, 3))
+    own[: len(displacement)] = displacement
+    rng = np.random.default_rng(1)
+    own[len(displacement) :] = (
+        0.3 * np.abs(displacement).max() * rng.standard_normal(own[len(displacement) :].shape)
+    )
+    path = tmp_path / "finer.vtu"
+    write_mesh(path, finer, point_data={"displacement": own})
+    assert command_line("audit", "block", path, "--degree", degree, "--limit", 1e-6) == 2
+    reported = capsys.readouterr()
+    words = " ".join(reported.err.split())
+    assert f"mesh of its own, of {finer.num_points} points" in words
+    assert f"the case has {problem.mesh.num_points}" in words
+    assert "palpate compare" in words
+    assert "judged there" not in reported.out
+    with pytest.raises(palpate.InputError, match="mesh of its own"):
+        palpate.audit("block", path, degree=degree)
 
 
 def test_degree_two_tells_the_error_of_the_mesh(solved, tmp_path, command_line):
