@@ -106,8 +106,9 @@ def build(names: Cases = None) -> None:
 def check(names: Cases = None) -> None:
     """Check all that can be checked of accepted references; exit code 2 where one is refused.
 
-    The hash, that they belong to their case, header numbers, supports, times, equilibrium, error
-    bars, and every step of a motion on the same mesh.
+    The hash, that they belong to their case, header numbers, supports, times, equilibrium, every
+    step of a motion on the same mesh, error bars by the record that explains them, that a truth is
+    not the solution on the case's own mesh, who made and who accepted them.
     """
     from palpate.validation.references.stored import (
         describe_acceptance,
@@ -118,9 +119,14 @@ def check(names: Cases = None) -> None:
     def lines(case: Case, name: str, path: Path) -> list[str]:
         stored = load_checked(path, case.name, case.problem, name, thoroughly=True)
         accepted = describe_acceptance(stored)
+        if not accepted:
+            raise InputError(
+                f"the stored reference of {case.name!r} does not say who accepted it, when and "
+                f"why: `palpate reference build {name}`, then accept what that made"
+            )
         date = stored.provenance.get("date", "?")
         made = f"{case.name}: {stored.origin}, made {date}{describe_time(stored)}"
-        return [made, f"  {accepted}"] if accepted else [made]
+        return [made, f"  {accepted}"]
 
     _print_each(_chosen(names), lines)
 

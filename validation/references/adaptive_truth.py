@@ -208,6 +208,14 @@ def most_apart(table: Mapping[str, Any]) -> float:
     return whole + NOISE
 
 
+def least_apart(table: Mapping[str, Any]) -> float:
+    """How near the first mesh of a record can be to the last; see `most_apart`."""
+    first, *later = list(_differences(table)) or [0.0]
+    size = math.prod(max(0.0, 1.0 - value) for value in later)
+    whole = first * size - most_apart({"differences": later})
+    return max(0.0, whole) if math.isfinite(whole) else 0.0
+
+
 def _differences(table: Mapping[str, Any]) -> Iterator[float]:
     found = table.get("differences")
     for value in found if isinstance(found, list) else [None]:

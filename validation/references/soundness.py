@@ -25,7 +25,12 @@ from palpate.validation.metrics.body import body_of, dead_force
 from palpate.validation.metrics.difference import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.metrics.stepping import MotionHypothesis, Stepper, steps_per_output
-from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars
+from palpate.validation.references.adaptive_truth import (
+    ADAPTIVE,
+    least_apart,
+    most_apart,
+    recorded_bars,
+)
 from palpate.validation.references.bars import NOISE, PARTS, read_row
 from palpate.validation.references.reference_set import (
     OF_ELEMENT,
@@ -54,6 +59,11 @@ _BALANCED_TO = 1e-7
 # Fraction of a trajectory's largest displacement: rounding grows at most with the square of the
 # number of steps, (1e4)^2 eps = 2e-8, and the least mistake worth finding is 1 %.
 _REPLAY = 1e-6
+# What a provenance says of how a file was made.
+_PROVENANCE = ("date", "command", "palpate", "versions")
+# Fraction of the least distance that a record allows: it is measured at the case's points here, and
+# over the finer mesh there.
+_READ_ELSEWHERE = 0.5
 # Steps that are repeated whenever a motion is read: some milliseconds. `palpate reference check`
 # repeats them all.
 _STEPS_ON_READING = 100
@@ -67,7 +77,8 @@ def find_contradictions(
     Args:
         problem: The case's problem.
         references: The references as read from a file.
-        thoroughly: Repeat every step of a motion on the same mesh, not the first few only.
+        thoroughly: Repeat every step of a motion on the same mesh, not the first few only; and
+            ask for provenance, and a record that explains every bar.
     """
     found = []
     for (label, strain), state in references.states.items():
@@ -82,14 +93,64 @@ def find_contradictions(
             ]
         found += [f"{label}, {strain} strain: {line}" for line in wrong]
     # Bars compare states with one another, which needs states that can be.
-    return found or list(_wrong_bars(problem, references))
+    found = found or list(_wrong_bars(problem, references))
+    return [*found, *_unexplained(problem, references)] if thoroughly else found
 
 
-def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
-    """Bars below what the file's own record makes them, and truths too far from P2.
+def _unexplained(problem: Problem, references: ReferenceSet) -> Iterator[str]:
+    """What a file does not say: who made it, what a bar follows from, P2 on the case's mesh."""
+    for key in _PROVENANCE:
+        if not references.provenance.get(key):
+            yield f"its provenance says no {key}"
+    explained = _Records(references.provenance).least_bars()
+    for (metric, strain), bar in references.bars.items():
+        if math.isfinite(bar) and not math.isfinite(explained.get((metric, strain), math.inf)):
+            yield f"error bar of {metric}, {strain} strain: {bar:.4g}, with no record of meshes"
+    for label, strain in references.states:
+        is_alone = label == TRUTH and (QUADRATIC, strain) not in references.states
+        if is_alone and problem.time is None:
+            yield f"{label}, {strain} strain: without {QUADRATIC}, from which its meshes start"
+
+
+def _wrong_truths(
+    problem: Problem, references: ReferenceSet, records: _Records, strain: Strain
+) -> Iterator[str]:
+    """Truths that are the solution on the case's own mesh, not on the finer ones of the record.
 
     Truth and P2 on the case's mesh obey the triangle inequality over the meshes between them.
     """
+    coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
+    name = f"{TRUTH}, {strain} strain"
+    best = references.truth(strain)
+    for label in (SAME_MESH, SMOOTHED):
+        linear, bar = references.states.get((label, strain)), ("displacement_l2", strain)
+        if linear is None or best is None or references.bars.get(bar, 0.0) <= _SLACK * _SINGLE:
+            continue
+        # Of one mesh only fields that linear tetrahedra hold exactly are the same, without a bar.
+        if measure(bar[0], problem, linear, best).value <= _SINGLE:
+            yield f"{best.label}, {strain} strain: the solution of {label} under another name"
+    cells = records.first_cells(strain)
+    if cells is not None and cells != problem.mesh.num_cells:
+        yield f"{name}: its record starts from {cells} cells, the case has {problem.mesh.num_cells}"
+    if coarse is None or truth is None:
+        return
+    for metric in ("displacement_l2", "displacement_max"):
+        least, most = records.apart(strain, metric)
+        apart = measure(metric, problem, coarse, truth).value
+        if not apart <= most * (1.0 + _SINGLE) + NOISE:
+            yield (
+                f"{name}: {apart:.3g} from {coarse.label} in {metric}, but the file's own record "
+                f"of meshes allows {most:.3g}"
+            )
+        elif apart < _READ_ELSEWHERE * least - NOISE:
+            yield (
+                f"{name}: only {apart:.3g} from {coarse.label} in {metric}, but by the file's own "
+                f"record of meshes at least {least:.3g}: it is not the solution on the last of them"
+            )
+
+
+def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
+    """Bars below what the file's own record makes them, and truths that cannot be its."""
     yield from _wrong_parts(references)
     records = _Records(references.provenance)
     least = records.least_bars()
@@ -100,17 +161,7 @@ def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
         elif bar < (lowest := least.get((metric, strain), 0.0)) * (1.0 - _ROUNDING):
             yield f"{name}: {bar:.4g}, but the file's own record of meshes makes it {lowest:.4g}"
     for strain in Strain:
-        coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
-        for metric in ("displacement_l2", "displacement_max"):
-            most = records.most_apart(strain, metric)
-            if coarse is None or truth is None or most is None:
-                continue
-            apart = measure(metric, problem, coarse, truth).value
-            if not apart <= most * (1.0 + _SINGLE) + NOISE:
-                yield (
-                    f"{truth.label}, {strain} strain: {apart:.3g} from {coarse.label} in "
-                    f"{metric}, but the file's own record of meshes allows {most:.3g}"
-                )
+        yield from _wrong_truths(problem, references, records, strain)
 
 
 def _wrong_parts(references: ReferenceSet) -> Iterator[str]:
@@ -152,21 +203,26 @@ class _Records:
             least |= {(metric, strain): bar for metric, bar in adaptive.items()}
         return least
 
-    def most_apart(self, strain: Strain, metric: str) -> float | None:
-        """How far they let the first and the last mesh be apart; None where they say nothing.
+    def first_cells(self, strain: Strain) -> float | None:
+        """The cells of the first mesh; None where they are not recorded."""
+        cells = _table(self._adaptive, strain).get("cells")
+        return cells[0] if isinstance(cells, list) and cells else None
 
-        Of three meshes, each cut in eight, norms obey |coarse - fine| <= |coarse - middle| +
-        |middle - fine|: the second is the bar times (2^p - 1) over its safety factor, the first 2^p
-        times that.
+    def apart(self, strain: Strain, metric: str) -> tuple[float, float]:
+        """How far they let the first and the last mesh be apart, at least and at most.
+
+        Of three meshes, each cut in eight, norms obey |coarse - middle| -+ |middle - fine|: the
+        second is the bar times (2^p - 1) over its safety factor, the first 2^p times that.
         """
         record = _table(_table(self._adaptive, strain), "metrics").get(metric)
         if isinstance(record, Mapping):
-            return most_apart(record)
+            return least_apart(record), most_apart(record)
         record = _table(_table(self._eighths, strain), metric)
         order, bar = _number(record, "order"), _number(record, "error_bar")
         if order is None or bar is None:
-            return None
-        return float(bar * (2.0**order - 1.0) / SAFETY_FACTOR * (1.0 + 2.0**order))
+            return 0.0, math.inf
+        last = bar * (2.0**order - 1.0) / SAFETY_FACTOR
+        return last * (2.0**order - 1.0), last * (1.0 + 2.0**order)
 
 
 def _table(holder: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -192,11 +192,13 @@ def accept_pending(
 
 
 def describe_acceptance(references: ReferenceSet) -> str:
-    """Who accepted a reference, when and why, in one line; empty where nobody did."""
+    """Who accepted a reference, when and why, in one line; empty where the file does not say."""
     accepted = references.provenance.get("accepted")
     if not isinstance(accepted, dict):
         return ""
-    date, by, reason = (accepted.get(key, "?") for key in ("date", "by", "reason"))
+    date, by, reason = (accepted.get(key) for key in ("date", "by", "reason"))
+    if not (date and by and reason):
+        return ""
     return f"accepted {date} by {by}: {reason}"
 
 

@@ -25,6 +25,7 @@ from palpate.validation.references.stored import (
     read_reference,
     references_folder,
     store,
+    write_reference,
 )
 
 
@@ -52,8 +53,9 @@ def build_anew(name="block"):
         for position, s in found.states.items()
     }
     bars = {**found.bars, ("volume", Strain.GREEN): 1.01 * found.bars["volume", Strain.GREEN]}
-    # Of its record of meshes nothing is kept: the wider bar does not follow from it.
-    reported = {"date": "2026-01-01"}
+    # Of its parts nothing stays: they do not add up to the wider bar.
+    of_file = found.provenance.items()
+    reported = {k: v for k, v in of_file if k not in ("bar_parts", "accepted")}
     changed = dataclasses.replace(found, states=states, bars=bars, provenance=reported)
     store(name, case.problem, changed, reported, path=pending_path(name))
     return case
@@ -127,6 +129,30 @@ def test_accepting_needs_something_built_for_the_case_as_it_is(command_line):
     pending_path("block").write_bytes(b"not a reference")
     with pytest.raises(MissingReferenceError, match="damaged"):
         accept_pending("block", case.problem, {})
+
+
+@pytest.mark.parametrize("missing", ["command", "versions", "adaptive"])
+def test_nothing_is_accepted_without_its_provenance_and_record(
+    folder, command_line, capsys, missing
+):
+    build_anew()
+    references, key = read_reference(pending_path("block"))
+    spoiled = {k: v for k, v in references.provenance.items() if k != missing}
+    write_reference(pending_path("block"), "block", key, references, spoiled)
+    before = (folder / "block.npz").read_bytes()
+    assert command_line("reference", "accept", "block", "--reason", "trust me") == 2
+    words = " ".join(capsys.readouterr().err.split())
+    assert (missing in words) or "with no record of meshes" in words
+    assert (folder / "block.npz").read_bytes() == before
+
+
+@pytest.mark.parametrize("accepted", [None, {"by": "", "date": "2026-01-01", "reason": "fine"}])
+def test_what_nobody_has_accepted_is_refused_by_the_check(folder, command_line, capsys, accepted):
+    references, key = read_reference(accepted_path("block"))
+    provenance = {**references.provenance, "accepted": accepted}
+    write_reference(folder / "block.npz", "block", key, references, provenance)
+    assert command_line("reference", "check", "block") == 2
+    assert "who accepted it" in " ".join(capsys.readouterr().err.split())
 
 
 def halve_displacements(path):

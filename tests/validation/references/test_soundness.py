@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 
@@ -137,6 +138,63 @@ def test_a_truth_far_from_its_own_sequence_of_meshes_is_refused(name):
     largest = float(np.linalg.norm(half, axis=1).max())
     spoiled = changed(references, TRUTH, displacement=half, max_displacement=largest)
     assert "the file's own record of meshes" in contradictions(problem, spoiled)
+
+
+def as_truth(references, label, strain=Strain.GREEN):
+    """The file with a solution on the case's own mesh in the place of its truth."""
+    own = references.states[label, strain]
+    fields = ("displacement", "trajectory", *SCALARS)
+    return changed(references, TRUTH, strain, **{name: getattr(own, name) for name in fields})
+
+
+@pytest.mark.parametrize(
+    ("name", "strain"), [("block", Strain.GREEN), ("shear", Strain.LINEAR), ("beam", Strain.GREEN)]
+)
+def test_a_truth_that_is_p2_on_the_cases_own_mesh_is_refused(name, strain):
+    problem, references = references_of(name)
+    spoiled = as_truth(references, QUADRATIC, strain)
+    assert "by the file's own record of meshes at least" in contradictions(problem, spoiled)
+
+
+@pytest.mark.parametrize("label", [SAME_MESH, SMOOTHED])
+@pytest.mark.parametrize("name", ["block", "block-motion"])
+def test_a_truth_that_is_what_linear_tetrahedra_give_on_the_cases_mesh_is_refused(name, label):
+    problem, references = references_of(name)
+    spoiled = as_truth(references, label)
+    # Without P2 on the case's mesh, too, which would be too far from it.
+    states = {key: s for key, s in spoiled.states.items() if key[0] != QUADRATIC}
+    for forged in (spoiled, dataclasses.replace(spoiled, states=states)):
+        assert f"the solution of {label} under another name" in contradictions(problem, forged)
+
+
+def test_a_record_that_starts_from_another_mesh_is_refused():
+    problem, references = references_of("block")
+    records = copy.deepcopy(references.provenance["adaptive"])
+    records["green"]["cells"][0] += 1
+    provenance = {**references.provenance, "adaptive": records}
+    reported = contradictions(problem, dataclasses.replace(references, provenance=provenance))
+    assert f"the case has {problem.mesh.num_cells}" in reported
+
+
+@pytest.mark.parametrize(
+    ("gone", "words"),
+    [
+        *((key, f"says no {key}") for key in ("date", "command", "palpate", "versions")),
+        ("adaptive", "with no record of meshes"),
+    ],
+)
+def test_a_thorough_check_asks_for_provenance_and_a_record_of_every_bar(gone, words):
+    problem, references = references_of("block")
+    less = {key: value for key, value in references.provenance.items() if key != gone}
+    spoiled = dataclasses.replace(references, provenance=less)
+    assert words in contradictions(problem, spoiled, thoroughly=True)
+
+
+def test_a_thorough_check_asks_for_p2_on_the_cases_mesh():
+    problem, references = references_of("block")
+    states = {key: s for key, s in references.states.items() if key[0] != QUADRATIC}
+    spoiled = dataclasses.replace(references, states=states)
+    assert f"without {QUADRATIC}" in contradictions(problem, spoiled, thoroughly=True)
 
 
 @pytest.mark.parametrize("bar", [-0.01, math.nan, -math.inf])
