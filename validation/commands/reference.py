@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import datetime
 import getpass
+import math
 import os
+import random
+import secrets
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +17,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.options import print_lines, progress_lines
+from palpate.validation.states import ExitCode, gravest
 from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
@@ -103,12 +107,27 @@ def build(names: Cases = None) -> None:
 
 
 @app.command()
-def check(names: Cases = None) -> None:
+def check(
+    names: Cases = None,
+    solve: Annotated[
+        bool, typer.Option("--solve", help="solve some of them anew, and compare; needs FEniCSx")
+    ] = False,
+    cases: Annotated[
+        int | None,
+        typer.Option(min=1, help="of --solve: how many, by chance; 3, or all that are named"),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="of --solve: the same choice again")] = None,
+    time_limit: Annotated[
+        float, typer.Option(help="of --solve: for each truth, and run of a motion, in seconds")
+    ] = 120.0,
+) -> None:
     """Check all that can be checked of accepted references; exit code 2 where one is refused.
 
     The hash, that they belong to their case, header numbers, supports, times, equilibrium, every
     step of a motion on the same mesh, error bars by the record that explains them, that a truth is
-    not the solution on the case's own mesh, who made and who accepted them.
+    not the solution on the case's own mesh, who made and who accepted them. A file that was forged
+    with all of this passes: --solve solves anew, and ends with 1 where the file differs by more
+    than rounding and error bars, with 3 where a state could not be solved in time.
     """
     from palpate.validation.references.stored import (
         describe_acceptance,
@@ -128,7 +147,39 @@ def check(names: Cases = None) -> None:
         made = f"{case.name}: {stored.origin}, made {date}{describe_time(stored)}"
         return [made, f"  {accepted}"]
 
-    _print_each(_chosen(names), lines)
+    if not solve and (cases, seed) != (None, None):
+        raise InputError("--cases and --seed are of --solve: add it, or leave them out")
+    if not 0.0 < time_limit < math.inf:
+        raise InputError(f"--time-limit {time_limit:g}: needs a finite value above 0")
+    everybody = _chosen(names)
+    _print_each(everybody, lines)
+    if solve:
+        seed = secrets.randbelow(10**6) if seed is None else seed
+        count = min(cases or (len(everybody) if names else 3), len(everybody))
+        chosen = random.Random(seed).sample(everybody, count)
+        print_lines([f"solved anew (--seed {seed}): {', '.join(chosen)}"])
+        _solve_anew(chosen, time_limit)
+
+
+def _solve_anew(names: list[str], seconds: float) -> None:
+    """Compare stored references with what is solved here; the exit code is the gravest."""
+    from palpate.validation.case import load_case
+    from palpate.validation.judging.case_references import truth_request
+    from palpate.validation.references.solved_again import compare_anew
+    from palpate.validation.references.stored import accepted_path, load_checked
+
+    verdicts = []
+    for name in names:
+        case = load_case(name)
+        path = accepted_path(case.name, case.beside)
+        stored = load_checked(path, case.name, case.problem, name)
+        request = truth_request(case)
+        found = compare_anew(case.problem, stored, request, seconds, progress_lines())
+        print_lines([f"{case.name}: {each.verdict}: {each}" for each in found])
+        verdicts += [each.verdict for each in found]
+    code = ExitCode[gravest(verdicts).name]
+    if code is not ExitCode.PASSED:
+        raise typer.Exit(code)
 
 
 @app.command()
