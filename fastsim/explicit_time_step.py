@@ -86,7 +86,12 @@ def bound_step(
 
 
 def divided(span: TimeSpan, wanted: float) -> tuple[float, int]:
-    """The largest step up to the wanted one that divides the outputs, and the steps per output."""
+    """The largest step up to the wanted one that divides the outputs, and the steps per output.
+
+    Raises:
+        TooManyStepsError: They would be more than 1e9.
+    """
+    span.require_few_steps(wanted)
     count = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
     return span.end_time / (span.num_outputs * count), count
 

@@ -74,6 +74,21 @@ class FacetNotOnBoundaryError(InputError):
         super().__init__(f"{what}: {len(self.rows)} facet(s), first {list(corners)}, {fault}")
 
 
+class TooManyStepsError(InputError):
+    """A motion of more time steps than anybody waits for; `.num_steps`, `.time_step` [s]."""
+
+    MOST = 1_000_000_000
+
+    def __init__(self, end_time: float, time_step: float) -> None:
+        self.time_step = time_step
+        self.num_steps = end_time / time_step if time_step > 0.0 else float("inf")
+        super().__init__(
+            f"{end_time:.4g} s in steps of {time_step:.3g} s are {self.num_steps:.3g} steps; at "
+            f"most {self.MOST:.0e} are taken: check end_time, time_step, and what shortens a "
+            "stable step (stiffness, density, damping, the size of the smallest cell)"
+        )
+
+
 class MeshError(InputError):
     """A mesh or surface that cannot be used."""
 

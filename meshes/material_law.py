@@ -139,6 +139,11 @@ def moduli_of(mu: float, bulk_modulus: float) -> tuple[float, float]:
     )
 
 
+# Of Young's modulus [Pa] and the density [kg/m3]: squares and cubes of them, and what is built of
+# them, are within the range of a float. No material is near either.
+LEAST_CONSTANT, LARGEST_CONSTANT = 1e-30, 1e30
+
+
 @dataclass(frozen=True)
 class Material:
     """Isotropic elastic solid: its moduli at rest, and the law it follows under finite strain.
@@ -174,15 +179,21 @@ class Material:
 
     def __post_init__(self) -> None:
         E, nu, rho = self.youngs_modulus, self.poissons_ratio, self.density
-        if not (math.isfinite(E) and E > 0.0):
-            raise InputError(f"youngs_modulus = {E:g} Pa: needs a finite value above 0")
+        if not LEAST_CONSTANT <= E <= LARGEST_CONSTANT:
+            raise InputError(
+                f"youngs_modulus = {E:g} Pa: needs a value from {LEAST_CONSTANT:g} to "
+                f"{LARGEST_CONSTANT:g}, above 0 and of some material"
+            )
         if not -1.0 < nu < 0.5:
             raise InputError(
                 f"poissons_ratio = {nu:g}: needs a value between -1 and 0.5, both excluded; "
                 "for nearly incompressible tissue use 0.45 to 0.49"
             )
-        if not (math.isfinite(rho) and rho > 0.0):
-            raise InputError(f"density = {rho:g} kg/m3: needs a finite value above 0")
+        if not LEAST_CONSTANT <= rho <= LARGEST_CONSTANT:
+            raise InputError(
+                f"density = {rho:g} kg/m3: needs a value from {LEAST_CONSTANT:g} to "
+                f"{LARGEST_CONSTANT:g}, above 0 and of some material"
+            )
         try:
             object.__setattr__(self, "law", Law(self.law))
         except ValueError:

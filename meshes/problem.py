@@ -18,8 +18,8 @@ from palpate.meshes.boundary_conditions import (
     require_agreement,
     require_boundary_facets,
 )
-from palpate.meshes.errors import InputError
-from palpate.meshes.material_law import Inclusion, Law, Material
+from palpate.meshes.errors import InputError, TooManyStepsError
+from palpate.meshes.material_law import LARGEST_CONSTANT, Inclusion, Law, Material
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
@@ -76,6 +76,10 @@ class Element(StrEnum):
     SMOOTHED = "smoothed"
 
 
+# Memory of the states that are stored of a motion.
+MOST_STORED_BYTES = 16_000_000_000
+
+
 @dataclass(frozen=True)
 class TimeSpan:
     """The time axis of a dynamic problem.
@@ -102,8 +106,11 @@ class TimeSpan:
     stiffness_damping: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.end_time) and self.end_time > 0.0):
-            raise InputError(f"end_time = {self.end_time:g} s: needs a finite value above 0")
+        if not 0.0 < self.end_time <= LARGEST_CONSTANT:
+            raise InputError(
+                f"end_time = {self.end_time:g} s: needs a value above 0, at most "
+                f"{LARGEST_CONSTANT:g}"
+            )
         if self.time_step is not None and not (
             math.isfinite(self.time_step) and self.time_step > 0.0
         ):
@@ -116,6 +123,17 @@ class TimeSpan:
             )
         if self.num_outputs < 1:
             raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
+        if self.time_step is not None:
+            self.require_few_steps(self.time_step)
+
+    def require_few_steps(self, time_step: float) -> None:
+        """Refuse a time step with which the motion would take more than 1e9 of them.
+
+        Raises:
+            TooManyStepsError: It is so, or the step is 0 or NaN, as overflowing numbers make it.
+        """
+        if not time_step * TooManyStepsError.MOST >= self.end_time:
+            raise TooManyStepsError(self.end_time, time_step)
 
 
 @dataclass(frozen=True)
@@ -214,6 +232,13 @@ class Problem:
         )
         for spring in self.springs:
             spring.densities(self.mesh.points)  # says if it weighs no point
+        if self.time is not None:
+            stored = (self.time.num_outputs + 1) * self.mesh.points.nbytes
+            if stored > MOST_STORED_BYTES:
+                raise InputError(
+                    f"num_outputs = {self.time.num_outputs}: states of {self.mesh.num_points} "
+                    f"points take {stored / 1e9:.3g} GB; at most {MOST_STORED_BYTES / 1e9:g} GB"
+                )
         if self.initial_velocity is not None and self.time is None:
             raise InputError("an initial velocity is of a motion; give a time span")
         if self.tools and any(support.normal is not None for support in self.supports):

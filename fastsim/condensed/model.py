@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +31,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Problem
 from palpate.meshes.temporaries import atomic_path
+from palpate.meshes.untrusted import read_npz
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,8 +242,7 @@ def read_model(path: str | Path, setup: CondensedSetup) -> CondensedModel:
             points.
     """
     try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            fields = {name: file[name] for name in file.files}
+        fields = read_npz(path, most_bytes=_most_bytes(setup))
         if int(fields["version"]) != _VERSION:
             raise FileFormatError(path, f"is of version {int(fields['version'])}, not {_VERSION}")
         precision = CompliancePrecision(str(fields["precision"]))
@@ -252,8 +251,18 @@ def read_model(path: str | Path, setup: CondensedSetup) -> CondensedModel:
         return _model_of(fields, precision, setup)
     except FileFormatError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise FileFormatError(path, f"is no condensed model ({error})") from error
+
+
+def _most_bytes(setup: CondensedSetup) -> int:
+    """Memory of the arrays of a model with its inside, in double precision, and of its words."""
+    columns = len(setup.terms) + 3 * len(setup.problem.springs) + 1
+    sides = setup.right_sides.shape[1]
+    inside = sum(9 * len(n.own) * len(n.border) for n in setup.dissection.nodes)
+    inside += sum(3 * len(n.own) * sides for n in setup.dissection.nodes)
+    numbers = 9 * setup.num_blocks + 3 * len(setup.seen) * columns + inside
+    return 8 * (numbers + 2 * (len(setup.touched) + len(setup.seen))) + 100_000
 
 
 def _model_of(
@@ -267,6 +276,8 @@ def _model_of(
             raise ValueError(f"{name} is of shape {array.shape}, {array.dtype}")
         return np.ascontiguousarray(array)
 
+    if fields["terms"].tolist() != [list(term) for term in setup.terms]:
+        raise ValueError(f"its terms are not the {len(setup.terms)} of this problem's supports")
     inside = None
     if bool(fields["has_inside"]):
         fronts = setup.dissection.nodes
@@ -286,7 +297,7 @@ def _model_of(
         seen=setup.seen,
         blocks=checked("blocks", setup.num_blocks, 9, dtype=str(precision.dtype)),
         load_displacement=checked("load_displacement", seen, 3),
-        terms=tuple(SupportTerm(int(s), int(k)) for s, k in fields["terms"]),
+        terms=setup.terms,
         term_displacements=checked("term_displacements", len(setup.terms), seen, 3),
         anchor_displacements=checked("anchor_displacements", springs, 3, seen, 3),
         key=str(fields["key"]),

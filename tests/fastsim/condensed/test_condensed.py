@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import io
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from limits import refusal, run_limited
 
 from palpate.fastsim.condensed import (
     CompliancePrecision,
@@ -191,9 +194,41 @@ def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None
         load_condensed(file, softer)
     with pytest.raises(FileFormatError, match="another problem"):
         load_condensed(file, problem, element=Element.SMOOTHED)
+    fields = dict(np.load(file))
+    for name, wrong in (
+        ("terms", np.array([[99, 0], [0, 0]])),
+        ("terms", np.array([3])),
+        ("terms", np.array(7)),
+        ("version", np.array([2, 2])),
+        ("has_inside", np.zeros((2, 2))),
+        ("precision", np.array("half")),
+    ):
+        np.savez(file, **{**fields, name: wrong})
+        with pytest.raises(FileFormatError, match="no condensed model"):
+            load_condensed(file, problem)
     file.write_bytes(file.read_bytes()[:200])
-    with pytest.raises(FileFormatError, match="no condensed model"):
+    with pytest.raises(FileFormatError, match="cannot be read as npz"):
         load_condensed(file, problem)
+
+
+def test_a_model_that_claims_gigabytes_is_refused_before_they_are_taken(tmp_path: Path) -> None:
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (3 * 10**9,)}
+    np.lib.format.write_array_header_1_0(header, shape)  # type: ignore[arg-type]
+    file = tmp_path / "model.npz"
+    condense(sprung(), keep_inside=True).save(file)
+    with zipfile.ZipFile(file) as whole, zipfile.ZipFile(tmp_path / "huge.npz", "w") as huge:
+        for name in whole.namelist():
+            huge.writestr(name, whole.read(name))
+        huge.writestr("more.npy", header.getvalue())
+    read = f"""
+sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(__file__).parents[2] / "bank")!r}]
+from test_condensed import load_condensed, sprung
+load_condensed(sys.argv[1], sprung())
+print("read")
+"""
+    assert "24 GB when unpacked" in refusal(read, tmp_path / "huge.npz")
+    assert run_limited(read, file).stdout == "read\n"
 
 
 def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) -> None:
