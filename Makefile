@@ -34,10 +34,10 @@ scoreboard: setup ## every simulator that is installed on every case: out/scoreb
 	@PALPATE_BENCH_PYTHON=$(subst $() ,:,$(wildcard $(PEERS)/bin/python /usr/bin/python3)) OMP_NUM_THREADS=1 \
 	  $(VENV)/bin/palpate scoreboard -o $(OUT)/scoreboard
 
-# On every core, without what is slow; PYTEST_ARGS takes the place of that choice.
-test: setup ## run the tests that a change waits for: about 20 minutes on two cores
+# On every core, without what takes long; PYTEST_ARGS takes the place of that choice.
+test: setup ## run the tests that a change waits for: about 10 minutes on two cores
 	@$(if $(PYTEST_ARGS),,PALPATE_MAKE_TEST=1 )$(VENV)/bin/python -m pytest \
-	  $(or $(PYTEST_ARGS),-n auto --maxprocesses 8 --dist loadfile -m "not nightly and not slow and not browser")
+	  $(or $(PYTEST_ARGS),-n auto --maxprocesses 8 --dist loadfile -m "not nightly and not slow and not long and not browser")
 
 gate: setup ## every built-in verdict on both elements, held against the expected one
 	@$(VENV)/bin/palpate gate --all --element both --expected

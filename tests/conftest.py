@@ -17,7 +17,7 @@ _STARTED = time.time()
 
 
 # What `make test` runs takes about so long on two cores [minutes].
-EXPECTED_MINUTES = 20
+EXPECTED_MINUTES = 10
 _SECONDS = "palpate/seconds-of-make-test"
 
 
@@ -33,7 +33,7 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     here = "" if seconds is None else f"; here it took {seconds / 60.0:.0f} minutes"
     return (
         f"palpate: what a change waits for, about {EXPECTED_MINUTES} minutes on two cores{here}\n"
-        "palpate: slow and browser tests are in .ci/run, nightly ones in .ci/nightly"
+        "palpate: long, slow and browser tests are in .ci/run, nightly ones in .ci/nightly"
     )
 
 

@@ -65,6 +65,7 @@ def test_smoothed_cells_have_no_step_of_their_own() -> None:
         Body(mesh, TISSUE, element=Element.SMOOTHED).cell_time_steps()
 
 
+@pytest.mark.long
 def test_a_target_lengthens_the_step_and_the_boundary_stays() -> None:
     surface = shape_kidney(edge_length=0.012)
 

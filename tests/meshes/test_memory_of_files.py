@@ -150,6 +150,7 @@ def msh_data(folder: Path) -> Path:
         ("read_mesh", msh_data),
     ],
 )
+@pytest.mark.long
 def test_a_hostile_file_is_refused_in_little_memory(
     tmp_path: Path, how: str, write: Callable[[Path], Path]
 ) -> None:

@@ -107,6 +107,7 @@ def test_an_exact_answer_is_below_the_noise_at_once(box):
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_all_loads_and_inclusions_are_carried_to_finer_meshes(box):
     mesh = box((2, 2, 2))
     hard = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 2] < 0.5).astype(np.int32)
@@ -147,6 +148,7 @@ def test_the_budget_ends_it_and_is_named(box):
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_the_mixed_form_is_refined_as_well(box):
     problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)), Material(3000.0, 0.499))
     only = [Goal(Quantity.DISPLACEMENT_L2, 0.03)]
@@ -236,6 +238,7 @@ def middle_and_clamp(problem):
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.long
 def test_bars_of_stress_in_a_part_hold_against_a_much_finer_truth(box, strain):
     problem = clamped(box((4, 2, 2), (2.0, 1.0, 1.0)))
     part = middle_and_clamp(problem)["stress_l2"]
@@ -253,6 +256,7 @@ def test_bars_of_stress_in_a_part_hold_against_a_much_finer_truth(box, strain):
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_forces_through_a_support_and_a_cut_have_bars_of_their_own(box):
     problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)))
     # Held at both ends, balance does not tell how the supports share the weight.

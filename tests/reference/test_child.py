@@ -159,6 +159,7 @@ def test_a_time_limit_of_zero_is_refused(beam):
         run_task(StaticTask(), beam, time_limit=0.0)
 
 
+@pytest.mark.long
 def test_a_cache_spoiled_by_a_killed_run_is_mended(tmp_path, monkeypatch, beam):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     first = run_task(StaticTask(Strain.LINEAR), beam, time_limit=300)

@@ -294,6 +294,7 @@ def test_two_implementations_of_the_midpoint_rule_agree(box):
 
 @pytest.mark.parametrize("integrator", [Integrator.BACKWARD_EULER, Integrator.SEMI_IMPLICIT_EULER])
 @ELEMENTS
+@pytest.mark.long
 def test_other_schemes_tend_to_the_same_motion(box, integrator, element):
     mesh = box((3, 1, 1), (1.5, 0.5, 0.5))
     apart = []

@@ -114,6 +114,7 @@ def test_from_a_start_that_leads_nowhere_the_load_is_raised(box):
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.long
 def test_the_truth_begins_on_a_mesh_that_sees_the_tool(box, strain):
     """On the case's own mesh a ball as small as a facet sinks in between the nodes."""
     mesh = box((2, 2, 1))

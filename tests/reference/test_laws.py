@@ -46,6 +46,7 @@ def test_small_strains_are_hookes(box, law):
 
 
 @LAWS
+@pytest.mark.long
 def test_implicit_motion_is_the_explicit_one(box, law):
     mesh = box((2, 1, 1), jitter=0.0)
     fixed = support(mesh, "x0")

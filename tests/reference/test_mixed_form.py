@@ -130,6 +130,7 @@ def test_a_plane_presses_two_materials_side_by_side(box):
     assert felt.penetrations[-1] < 1e-3
 
 
+@pytest.mark.long
 def test_a_ball_presses_tissue_without_locking(box):
     """The force is the slope of the energy, and the plain form's is too large on the same mesh."""
     mesh = box((4, 4, 3), jitter=0.1)

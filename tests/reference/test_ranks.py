@@ -168,6 +168,7 @@ if COMM.rank == 0:
 """
 
 
+@pytest.mark.long
 def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_path, box):
     mesh = box((4, 1, 1), (0.4, 0.1, 0.1))
 
@@ -200,6 +201,7 @@ def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_
         assert np.abs(both[name] - values).max() < 1e-10 * np.abs(values).max(), name
 
 
+@pytest.mark.long
 def test_the_command_solves_on_two_ranks_and_writes_once(mpirun, tmp_path):
     path = tmp_path / "kidney.vtu"
     command = ("-m", "palpate.validation.cli", "solve", "kidney", "--with", "reference")
@@ -231,6 +233,7 @@ def test_references_are_built_on_two_ranks_and_are_those_of_one(mpirun, tmp_path
             assert both[name] == pytest.approx(alone[name], rel=1e-9), alone["label"]
 
 
+@pytest.mark.long
 def test_what_ranks_cannot_share_rank_0_has_solved_apart(mpirun, tmp_path):
     found = []
     for n in (1, 2):
@@ -345,6 +348,7 @@ APART = {
         pytest.param("pressed", ("unknowns", "first"), marks=pytest.mark.nightly),
     ],
 )
+@pytest.mark.long
 def test_two_ranks_refine_as_one_does_and_go_on_from_mesh_to_mesh(
     mpirun, tmp_path, box, name, counts
 ):

@@ -113,6 +113,7 @@ def has_ended(number):
         pytest.param("stuck", {142, 14}, "", marks=pytest.mark.nightly),
     ],
 )
+@pytest.mark.long
 def test_trouble_of_one_rank_ends_them_all(mpirun, tmp_path, box, trouble, codes, reported):
     mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
     pull = Traction(mesh.facet_groups["x1"], (10.0, 0.0, 0.0))

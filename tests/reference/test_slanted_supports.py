@@ -90,6 +90,7 @@ def test_multigrid_knows_slanted_walls():
     assert np.abs(many.displacement - theirs).max() < 1e-8 * np.abs(theirs).max()
 
 
+@pytest.mark.long
 def test_gamg_knows_slanted_walls():
     from palpate.reference.linear_solver import LARGEST_DIRECT
 
@@ -288,6 +289,7 @@ def test_a_free_body_keeps_its_momenta_and_flies_alike_in_both():
     assert np.abs(after[1] - before[1]).max() < 1e-4 * np.abs(before[1]).max()
 
 
+@pytest.mark.long
 def test_a_free_body_tumbles_as_euler_says():
     """A stiff brick: the attitude from Euler's equations, integrated to 1e-10.
 

@@ -159,6 +159,7 @@ def round_bar(rings):
 
 
 @LAWS
+@pytest.mark.long
 def test_the_whole_of_it_is_the_radial_equations_within_the_bar(law):
     cylinder = Cylinder(law, 12, stretch=1.1)
     exact = np.array([1.0 - cylinder.radius(1.0), cylinder.energy(), cylinder.torque()])

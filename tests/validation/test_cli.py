@@ -275,6 +275,7 @@ def test_the_shell_completes_verbs_cases_and_studies(typed: str, wanted: set[str
     assert set(done.stdout.split()) == wanted, done.stderr
 
 
+@pytest.mark.long
 def test_a_self_test_tries_every_fault_on_the_cases_named(palpate_run: Run) -> None:
     done = palpate_run("gate", "column", "--self-test")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -321,6 +322,7 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
 
 @pytest.mark.dolfinx
 @pytest.mark.once
+@pytest.mark.long
 def test_report_of_ones_own_surface_from_another_folder(
     palpate_run: Run, tmp_path: Path, write_case: Write
 ) -> None:

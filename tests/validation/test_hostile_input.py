@@ -80,6 +80,7 @@ EXTREMES = (
 )  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_case_with_extreme_numbers_is_refused_or_makes_a_problem(path):
     rng = np.random.default_rng(8)
     spans = [m.span() for m in NUMBER.finditer(CASE)]

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 # A stand-in for Windows, which nobody has tried: what Python does not have there is taken away
 # once the libraries of others, which choose by the system, have been loaded.
 WITHOUT_POSIX = """
@@ -39,6 +41,7 @@ main()
 """
 
 
+@pytest.mark.long
 def test_every_module_loads_and_a_gate_passes_without_posix(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_POSIX],

@@ -74,6 +74,7 @@ def shapes_of(points: np.ndarray, cells: np.ndarray) -> set[tuple[float, ...]]: 
 
 
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.long
 def test_a_cells_descendants_have_at_most_72_shapes(seed: int) -> None:
     # Arnold, Mukherjee, Pouly 2000: finitely many; 72 for any marking of the first cell.
     points = np.random.default_rng(seed).random((4, 3))

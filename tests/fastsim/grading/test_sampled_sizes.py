@@ -47,6 +47,7 @@ def test_fields_that_ask_for_nonsense_or_too_much_are_refused() -> None:
 
 
 @pytest.mark.parametrize("boundary", list(Boundary))
+@pytest.mark.long
 def test_a_mesh_follows_the_field(boundary: Boundary) -> None:
     box = shape_box((1.0, 0.7, 0.5), edge_length=0.2)
     position = CORNER if boundary is Boundary.FREE else 0.5 * CORNER

@@ -156,6 +156,7 @@ def test_an_answer_on_its_own_mesh_that_is_right_is_not_red() -> None:
     assert spoiled.smallest_det_f < 0.0 < state.smallest_det_f
 
 
+@pytest.mark.long
 def test_every_metric_goes_red_alone_on_each_kind_of_case() -> None:
     rows = metric_table(fastsim_candidate(), lambda _line: None)
     blind = [(row.metric, row.kind) for row in rows if not row.seen]

@@ -78,6 +78,7 @@ def state_of(path: Path, name: str) -> State:
 
 
 @pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.long
 def test_an_honest_motion_with_states_between_the_outputs_passes_and_they_are_counted(
     name: str, tmp_path: Path
 ) -> None:

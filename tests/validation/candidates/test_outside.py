@@ -132,6 +132,7 @@ def verdicts_in(document: Path) -> dict[str, set[str]]:
     return found
 
 
+@pytest.mark.long
 def test_compare_on_the_command_line(tmp_path: Path) -> None:
     solved = tmp_path / "r.vtu"
     assert palpate("solve", "kidney", "-o", str(solved)).returncode == 0

@@ -160,6 +160,7 @@ def test_what_does_not_go_with_it_is_refused(write_case, tmp_path):
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_both_solvers_agree_on_two_materials(write_case, tmp_path):
     case = load_case(case_with_tumour(write_case, tmp_path))
     result = judge_case(case, live=True)

@@ -80,6 +80,7 @@ def test_the_front_door_takes_the_word_too():
 
 @pytest.mark.dolfinx
 @pytest.mark.once
+@pytest.mark.long
 def test_the_reference_solves_it_live(command_line, tmp_path):
     path = tmp_path / "r.json"
     command_line("gate", "block", "--live", "--element", "both", "--json", path)

@@ -64,6 +64,7 @@ def test_a_model_becomes_a_case_that_can_be_looked_at(
         import_model(model, target, UnitSystem.MILLIMETRE_NEWTON)
 
 
+@pytest.mark.long
 def test_what_no_case_can_hold_is_named_and_nothing_is_written(tmp_path: Path) -> None:
     (tmp_path / "one.inp").write_text(MODEL.replace("C3D4", "C3D20"))
     done = subprocess.run(

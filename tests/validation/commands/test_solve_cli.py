@@ -55,6 +55,7 @@ def test_motions_and_tools_are_solved_and_the_file_passes_the_case(
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(
     palpate_run: Run, tmp_path: Path
 ) -> None:

@@ -28,6 +28,7 @@ def written(path: Path) -> np.ndarray:
     return displacement
 
 
+@pytest.mark.long
 def test_relaxation_finds_what_newton_finds_by_many_more_steps(tmp_path: Path) -> None:
     for method in ("newton", "relaxation"):
         done = solve_cli("block", "--method", method, "-o", tmp_path / f"{method}.vtu")
@@ -55,6 +56,7 @@ def test_relaxation_tells_the_forces_on_the_tools() -> None:
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_near_incompressibility_the_mixed_formulation_bends_further(tmp_path: Path) -> None:
     problem = palpate.load_case("block").problem
     stiff = dataclasses.replace(problem, material=palpate.Material(3e4, 0.4999))

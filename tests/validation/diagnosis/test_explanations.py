@@ -117,6 +117,7 @@ def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
     assert [e.name for e in found] == ["z reversed", "components x and y exchanged, z reversed"]
 
 
+@pytest.mark.long
 def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> None:
     problem = case_of("block").problem
 
@@ -166,6 +167,7 @@ def test_on_a_mesh_of_its_own_only_units_are_tried() -> None:
     assert diagnose(problem, read, truth).explanations == ()
 
 
+@pytest.mark.long
 def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> None:
     given = case_of("block-motion").problem
     assert given.time is not None
@@ -209,6 +211,7 @@ def test_solver_noise_is_no_anisotropy() -> None:
     assert turned_otherwise(0.0, 1e-2).fits
 
 
+@pytest.mark.long
 def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None:
     def judged(mistake: str) -> tuple[Diagnosis, ...]:
         def solve(given: Problem, strain: Strain, _progress: Any) -> State:

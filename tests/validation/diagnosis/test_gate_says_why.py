@@ -49,6 +49,7 @@ def gate(case: str, mistake: str, folder: Path) -> tuple[int, str, dict[str, Any
         ("block-motion", "heavier", "density 1.02 times what was asked", "mass"),
     ],
 )
+@pytest.mark.long
 def test_an_outside_program_is_told_what_it_did_wrong(
     case: str, mistake: str, name: str, cause: str, tmp_path: Path
 ) -> None:

@@ -106,6 +106,7 @@ def test_a_seeded_mistake_is_named_without_a_reference(
 
 
 @pytest.mark.parametrize(("mistake", "name"), OF_MOTION.items())
+@pytest.mark.long
 def test_a_mistake_in_a_motion_is_named(
     mistake: str, name: str, answers: Any, reference: Callable[[str], State]
 ) -> None:
@@ -137,6 +138,7 @@ def test_a_mistake_in_stiffness_damping_is_named(factor: float, name: str) -> No
 @pytest.mark.parametrize("case", ["block", "block-motion"])
 @pytest.mark.parametrize("mistake", ["noise", "corner", "dropped-cell", "moved-node"])
 @pytest.mark.parametrize("has_reference", [True, False])
+@pytest.mark.long
 def test_a_mistake_that_nothing_fits_is_given_no_name(
     mistake: str,
     case: str,
@@ -155,6 +157,7 @@ def test_a_mistake_that_nothing_fits_is_given_no_name(
 @pytest.mark.parametrize(
     ("case", "mistake"), [("block", "unconverged"), ("block-motion", "jitter")]
 )
+@pytest.mark.long
 def test_a_wrong_number_that_is_no_slip_is_given_no_name(
     case: str, mistake: str, answers: Any, reference: Callable[[str], State]
 ) -> None:

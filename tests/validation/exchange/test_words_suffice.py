@@ -45,6 +45,7 @@ def test_the_program_knows_nothing_of_palpate():
 
 
 @pytest.mark.parametrize("strain", Strain)
+@pytest.mark.long
 def test_it_solves_the_block_under_pressure_weight_and_pull(tmp_path, strain):
     problem = load_case("block").problem
     assert any(isinstance(load, Pressure) for load in problem.loads)

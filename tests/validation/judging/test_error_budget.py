@@ -213,6 +213,7 @@ def test_discretisation_is_what_meshes_without_the_reference_find(
     assert budget.terms[DISCRETISATION] == pytest.approx(known, rel=WITHIN)
 
 
+@pytest.mark.long
 def test_discretisation_of_the_kidney_is_found_within_the_bar_of_other_meshes() -> None:
     """Linear tetrahedra converge with order 0.8 here: too slowly to tell it to a tenth."""
     truth = references_of("kidney").truth(Strain.GREEN)

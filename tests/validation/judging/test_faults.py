@@ -59,6 +59,7 @@ def test_a_seeded_fault_fails_both_cases(palpate_run: Run, tmp_path: Path, fault
     assert ET.parse(junit).getroot().findall(".//failure")
 
 
+@pytest.mark.long
 def test_a_softer_material_is_caught_by_the_same_mesh_check_not_by_the_truth(
     palpate_run: Run, tmp_path: Path
 ) -> None:

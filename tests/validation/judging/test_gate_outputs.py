@@ -100,6 +100,7 @@ def test_the_gate_annotates_on_github(palpate_run, monkeypatch):
     assert "::error " in done.stdout
 
 
+@pytest.mark.long
 def test_the_pytest_fixture_passes_and_fails_with_the_checks(tmp_path):
     example = Path(__file__).parents[3] / "validation" / "examples" / "gate_your_simulator"
     command = f"{sys.executable} {example / 'toy_simulator.py'} {{case}} {{result}}"

@@ -61,6 +61,7 @@ def test_one_strain_measure_that_fails_leaves_the_other_its_answer() -> None:
     assert by_strain[Strain.LINEAR] <= {"failed"}
 
 
+@pytest.mark.long
 def test_two_processes_find_what_one_does_in_the_order_of_the_cases() -> None:
     cases, mine, lines = load_cases(["column", "block"]), [fastsim_candidate()], []
     found = judge_cases(cases, mine, progress=lines.append, processes=2)

@@ -151,6 +151,7 @@ def assert_lands_in(term: str, seeded: Budget, healthy: Budget) -> None:
         assert abs(moved) < 0.25 * abs(known), other
 
 
+@pytest.mark.long
 def test_a_simulator_that_solves_its_steps_equals_the_reference_by_its_scheme() -> None:
     for step in (STEP, LONG):
         assert measure("trajectory_l2", swing(), own(step), exact(step)).value < 1e-9

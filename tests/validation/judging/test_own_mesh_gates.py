@@ -64,6 +64,7 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
 
 
 @pytest.mark.parametrize("name", builtin_cases())
+@pytest.mark.long
 def test_garbage_at_inner_points_of_the_own_mesh_fails(name: str, tmp_path: Path) -> None:
     assert verdict_on_own_mesh(name, tmp_path, garbage=0.3) is Verdict.FAILED
 

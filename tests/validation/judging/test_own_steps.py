@@ -50,6 +50,7 @@ def judged(case: Case, command: str, **stepping: Any) -> tuple[CaseResult, float
     "law",
     ["saint-venant-kirchhoff", pytest.param("neo-hookean-stable", marks=pytest.mark.nightly)],
 )
+@pytest.mark.long
 def test_block_descent_comes_to_the_reference_by_backward_euler(case: Case, law: str) -> None:
     if law != case.problem.material.law:
         text = case.text.replace("[material]", f'[material]\nlaw = "{law}"')
@@ -80,6 +81,7 @@ def test_xpbd_comes_to_it_with_shorter_steps_and_not_with_more_iterations(case: 
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_what_the_command_line_states_holds_where_the_result_says_nothing(
     case: Case, tmp_path: Path
 ) -> None:
@@ -137,6 +139,7 @@ def test_steps_that_cannot_be_meant_are_refused(case: Case, tmp_path: Path) -> N
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_the_gate_takes_scheme_step_and_iterations(case: Case) -> None:
     words = ["gate", str(case.path), "--live", "--simulator", DESCENT + " {iterations}"]
     words += ["--integrator", "backward-euler", "--time-step", "0.008", "--iterations", "200"]

@@ -148,6 +148,7 @@ def block_of_single(tmp_path):
 
 
 @pytest.mark.parametrize("word", ANSWERS)
+@pytest.mark.long
 def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word):
     name, candidate = ANSWERS[word]
     strict = judge_case(case_of(name), candidate=candidate)
@@ -173,6 +174,7 @@ def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word)
         "wave": (Fault.SOFTER,),
     }.items(),
 )  # fmt: skip
+@pytest.mark.long
 def test_a_wrong_answer_fails_in_single_precision_too(name, faults):
     for fault in faults:
         wrong = with_fault(fastsim_candidate(), fault)

@@ -257,6 +257,7 @@ def changed(document: Any, keys: Keys, value: Any) -> str:
     return json.dumps(copied)
 
 
+@pytest.mark.long
 def test_any_key_missing_or_of_any_other_kind_is_refused_or_harmless(
     tmp_path: Path, judged: Any
 ) -> None:

@@ -85,6 +85,7 @@ def until(is_so: Callable[[], bool], seconds: float = 30.0) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_page_the_bodies_and_the_verdict(tmp_path: Path) -> None:
     from websockets.exceptions import ConnectionClosed
 
@@ -105,6 +106,7 @@ def test_ctrl_c_ends_the_page_the_bodies_and_the_verdict(tmp_path: Path) -> None
         until(lambda: in_session(process.pid) == [])
 
 
+@pytest.mark.long
 def test_a_socket_that_breaks_ends_the_command_by_and_by(tmp_path: Path) -> None:
     with touching(tmp_path, "--wait", "0.2") as (process, address):
         with connected(address) as client:

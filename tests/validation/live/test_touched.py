@@ -189,6 +189,7 @@ def test_what_was_recorded_repeats_the_motion_bit_for_bit(
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_what_was_recorded_passes_its_gate_and_a_fault_does_not(
     recorded: tuple[Simulation, Path],
 ) -> None:

@@ -39,6 +39,7 @@ def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Pr
     "name", ["block", "ring", "kidney", pytest.param("beam", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(("strain", "element"), EVERY)
+@pytest.mark.long
 def test_it_finds_what_the_reference_finds(name: str, strain: Strain, element: Element) -> None:
     from palpate.reference.audit import audit_displacement
 

@@ -202,6 +202,7 @@ def test_loads_that_cannot_be_separated_are_refused() -> None:
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("name", [peer.name for peer in read_peers() if peer.is_quadratic])
+@pytest.mark.long
 def test_a_quadratic_adapter_agrees_with_the_quadratic_reference(name: str) -> None:
     found, _ = solved_by(name, BODY)
     truth = solve_state(BODY, Strain.GREEN, 2, in_silence).displacement

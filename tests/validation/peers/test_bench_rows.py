@@ -122,6 +122,7 @@ def test_step_rows_are_whole_and_a_rivals_force_is_compared(
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_dolfinx_assembles_the_same_force(small_steps: Benchmark) -> None:
     rows = time_all(small_steps, (648,), in_silence)
     (row,) = (row for row in rows if row["tool"] == "dolfinx")
@@ -135,6 +136,7 @@ def test_simulators_of_others_that_warp_runs_are_timed_on_the_device_too() -> No
 
 
 @pytest.mark.usefixtures("small_steps")
+@pytest.mark.long
 def test_a_device_has_rows_beside_the_core_with_its_bytes() -> None:
     pytest.importorskip("warp", reason="the extra `gpu` is not installed")
     linear = tuple(

@@ -126,6 +126,7 @@ def test_the_first_timing_counts_where_every_process_is_fresh(adapter):
             assert child.best("wall") == least
 
 
+@pytest.mark.long
 def test_memory_is_the_childs_own(adapter):
     # A child of a large parent starts small: the figure is not handed down.
     ballast = np.ones(2**27)

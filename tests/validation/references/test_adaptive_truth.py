@@ -98,6 +98,7 @@ def test_near_incompressibility_the_mixed_form_is_taken_by_itself():
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_a_stored_truth_has_its_bars_and_their_record(write_case):
     case = load_case(str(write_case()))
     request = TruthRequest(0.1, 120.0, 4.0, {Strain.GREEN: {"displacement_l2", "volume"}})
@@ -123,6 +124,7 @@ def test_a_stored_truth_has_its_bars_and_their_record(write_case):
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_the_truth_is_of_the_strain_measures_that_are_asked_for(write_case):
     case = load_case(str(write_case()))
     request = TruthRequest(0.1, 120.0, 4.0, {Strain.LINEAR: {"displacement_l2"}})

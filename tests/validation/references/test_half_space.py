@@ -253,6 +253,7 @@ def test_blocks_lead_to_the_half_space(tool: str) -> None:
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize(("tool", "known"), [("punch", 1.181), ("sphere", 1.189)])
+@pytest.mark.long
 def test_the_first_mesh_is_near_the_truth(tool: str, known: float) -> None:
     """In a block of four contact radii, where the last mesh of the night has `known`."""
     from palpate.reference.statics import solve_static

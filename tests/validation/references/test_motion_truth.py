@@ -92,6 +92,7 @@ def test_the_numbers_of_the_wave_cases_are_the_closed_forms() -> None:
         ("wave", Fault.DROPPED_LOAD, "published_oscillation"),
     ],
 )
+@pytest.mark.long
 def test_faults_of_motion_are_seen_without_the_twin(name: str, fault: Fault, metric: str) -> None:
     result = judge_case(load_case(name), candidate=with_fault(fastsim_candidate(), fault))
     failed = [c for c in result.checks if c.verdict is Verdict.FAILED and c.against != "same_mesh"]
@@ -130,6 +131,7 @@ def test_a_candidate_that_does_not_swing_has_failed() -> None:
     assert "oscillate" in found.message
 
 
+@pytest.mark.long
 def test_a_candidate_with_steps_of_its_own_is_judged_by_the_truth(tmp_path: Path) -> None:
     case = load_case("decay")
     span = case.problem.time

@@ -164,6 +164,7 @@ def test_a_budget_of_no_unknowns_is_refused() -> None:
 
 @pytest.mark.dolfinx
 @pytest.mark.once
+@pytest.mark.long
 def test_on_a_slender_bar_the_bar_is_small_and_holds_the_error() -> None:
     """P1 and P2 are 97 % apart there; the stored truth is known to 0.003 %."""
     case = load_case("sze")
@@ -184,6 +185,7 @@ def test_on_a_slender_bar_the_bar_is_small_and_holds_the_error() -> None:
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_without_room_for_a_second_mesh_p1_says_how_far_p2_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

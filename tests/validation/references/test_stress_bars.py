@@ -147,6 +147,7 @@ PARTS = pytest.mark.parametrize(
 
 
 @PARTS
+@pytest.mark.long
 def test_the_bar_covers_the_error_of_the_truth_and_is_not_idle(metric: str, name: str) -> None:
     part, known = parts()[name], references()
     truth = known.truth(Strain.LINEAR)
@@ -173,6 +174,7 @@ def test_a_part_that_was_not_asked_for_has_no_bar() -> None:
 
 @PARTS
 @pytest.mark.once
+@pytest.mark.long
 def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, name: str) -> None:
     part = parts()[name]
     live = on_the_spot()

@@ -30,6 +30,7 @@ def width(path: Path) -> float:
 
 
 @pytest.mark.parametrize("form", list(FigureForm))
+@pytest.mark.long
 def test_figures_have_text_and_the_width_of_columns(
     form: FigureForm, both: CaseResult, tmp_path: Path
 ) -> None:

@@ -74,6 +74,7 @@ def sweep_cli(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_nobody_at_the_address_is_said_and_nothing_is_written(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     done = sweep_cli(tmp_path, "--scheduler", "tcp://127.0.0.1:9")

@@ -237,6 +237,7 @@ def williams(angle: float, nu: float, guess: float):
 
 
 @pytest.mark.parametrize(("lean", "nu"), [(0.0, 0.3), (0.4, 0.499)])
+@pytest.mark.long
 def test_two_dimensions_find_the_singular_field_of_a_clamped_edge(lean: float, nu: float) -> None:
     # Clamped below, free at the left: displacement given at the right and on top.
     angle = 0.5 * np.pi - np.arctan(lean)
@@ -330,6 +331,7 @@ def test_each_claim_goes_red(error: float, claim: int) -> None:
 
 @pytest.mark.dolfinx
 @pytest.mark.once
+@pytest.mark.long
 def test_six_problems_keep_their_word() -> None:
     chosen = [p for p in known_problems() if p.name in QUICK]
     assert len(chosen) == len(QUICK)

@@ -206,6 +206,7 @@ def test_a_sweep_leaves_a_table_vector_figures_and_a_page(
     assert "Sweep of block" in page
 
 
+@pytest.mark.long
 def test_each_element_answers_as_the_case_alone_and_is_named(
     tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
@@ -246,6 +247,7 @@ def test_nothing_is_left_by_a_bad_key_and_no_answer_is_none(
 
 
 @pytest.mark.dolfinx
+@pytest.mark.long
 def test_the_reference_is_solved_beside_where_asked_and_agrees(
     tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
