@@ -1,7 +1,9 @@
 """Two candidates on one case, compared with each other: no reference, and limits by the user.
 
 Two simulators, or one on two machines, devices or precisions. Differences are reported by metric,
-relative to the second one's result; nothing says which of the two is right.
+relative to the second one's result; nothing says which of the two is right. What the case checks
+without a reference (inverted cells, published numbers) is checked of both; two results that are
+identical are no evidence.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import (
@@ -37,6 +41,9 @@ from palpate.validation.versions import version_of
 VERSUS = "versus"
 # Instead of a command line.
 FASTSIM = "fastsim"
+# Two solvers, or two builds of one, round differently: results are identical that differ by less
+# than this, relative to the largest displacement.
+_IDENTICAL = 4.0 * np.finfo(np.float64).eps
 
 
 def judge_versus(
@@ -57,8 +64,9 @@ def judge_versus(
         progress: Called with one line for each thing done.
 
     Returns:
-        A check for each metric with a limit; every other metric, if both gave results, a skipped
-        check.
+        A check for each metric with a limit, and each of the case's that needs no reference, of
+        whichever result is worse; every other metric, if both gave results, a skipped check.
+        Inconclusive where nothing moves, or the two results are identical.
 
     Raises:
         InputError: No limit at all, one of a metric that does not compare two results, or a result
@@ -85,14 +93,28 @@ def judge_versus(
     if failures:
         why = "; ".join(failures)
         checks = [unjudged_check(spec, case.strain, Verdict.FAILED, why) for spec in asked]
+        own = []
     else:
         asked += _without_limit(case, asked)
         checks = [_check(spec, case, *solutions, of=names[1]) for spec in asked]
-    checks = [dataclasses.replace(check, against=VERSUS) for check in checks]
+        own = _own_checks(case, dict(zip(names, solutions, strict=True)))
+    checks = [*(dataclasses.replace(check, against=VERSUS) for check in checks), *own]
     verdict = gravest([check.verdict for check in checks])
-    if not failures and all(is_still(case.problem.mesh, solution) for solution in solutions):
-        verdict = gravest([verdict, Verdict.INCONCLUSIVE])
-        notes.append("Nothing moves in either answer: that they agree says nothing.")
+    for is_empty, why in (
+        (
+            not failures and all(is_still(case.problem.mesh, each) for each in solutions),
+            "Nothing moves in either result: that they agree says nothing.",
+        ),
+        (
+            not failures and _are_identical(*solutions),
+            "The two results are identical to rounding: that they agree is no evidence. Compare "
+            "two simulators or builds that compute apart from one another, or judge one of them "
+            "against a reference, without --versus.",
+        ),
+    ):
+        if is_empty:
+            verdict = gravest([verdict, Verdict.INCONCLUSIVE])
+            notes.append(why)
     return CaseResult(
         name=case.name,
         title=case.title,
@@ -101,7 +123,7 @@ def judge_versus(
         problem=case.problem,
         candidates=(Judged(f"{names[0]} against {names[1]}", verdict),),
         states=tuple(solutions),
-        metrics={f"versus.{check.metric}": check.value for check in checks},
+        metrics={f"{check.against}.{check.metric}": check.value for check in checks},
         provenance={"palpate": version_of("palpate"), "case_file": case.file},
         notes=tuple(dict.fromkeys(notes)),
         case_text=case.text,
@@ -171,6 +193,32 @@ def _asked(case: Case, limits: Mapping[str, float]) -> list[CheckSpec]:
             "apart the two may be, as in --limit displacement_l2=0.01"
         )
     return asked
+
+
+def _own_checks(case: Case, solutions: Mapping[str, State]) -> list[CheckResult]:
+    """The case's checks that need no reference, each of the result that does worse, by name."""
+    found = []
+    for spec in case.checks:
+        strain = spec.strain or case.strain
+        if spec.against != "candidate" or strain is not case.strain:
+            continue
+        of_both = [
+            (name, judge_check(spec, strain, case.problem, each, None, 0.0, "", case.spec.units))
+            for name, each in solutions.items()
+        ]
+        worst = gravest([check.verdict for _, check in of_both])
+        name, check = next(each for each in of_both if each[1].verdict is worst)
+        found.append(dataclasses.replace(check, message=f"{name}: {check.message}"))
+    return found
+
+
+def _are_identical(one: State, other: State) -> bool:
+    """Whether two results are the same to rounding, on a mesh of their own too."""
+    size = max(one.max_displacement, other.max_displacement)
+    return len(one.fields) == len(other.fields) and all(
+        mine.shape == theirs.shape and bool((np.abs(mine - theirs) <= _IDENTICAL * size).all())
+        for mine, theirs in zip(one.fields, other.fields, strict=True)
+    )
 
 
 def _without_limit(case: Case, asked: Sequence[CheckSpec]) -> list[CheckSpec]:

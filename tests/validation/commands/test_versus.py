@@ -47,7 +47,8 @@ def test_the_difference_is_a_part_of_the_second_answer() -> None:
 
 def test_the_cases_own_limits_on_the_same_mesh_are_taken_where_none_is_given() -> None:
     case = palpate.load_case("block")
-    assert judge_versus(case, stretched_by(1.0), fastsim_candidate()).verdict is Verdict.PASSED
+    near = judge_versus(case, stretched_by(1.0 + 1e-12), fastsim_candidate())
+    assert near.verdict is Verdict.PASSED
     assert judge_versus(case, stretched_by(1.0 + 1e-6), fastsim_candidate()).verdict == "failed"
 
 
@@ -70,6 +71,45 @@ def test_who_fails_is_named_and_two_that_stand_still_prove_nothing() -> None:
     assert still.verdict is Verdict.INCONCLUSIVE
 
 
+def test_garbage_against_itself_is_no_pass_and_the_cases_own_checks_are_made() -> None:
+    case, limits = palpate.load_case("block"), {"displacement_l2": 0.1}
+    garbage = np.random.default_rng(3).uniform(-1.0, 1.0, case.problem.mesh.points.shape)
+    garbage *= 0.1 * np.ptp(case.problem.mesh.points)
+
+    def noisy(scale):
+        return function_candidate(lambda _problem: scale * garbage)
+
+    for other in (1.0, 1.001):
+        result = judge_versus(case, noisy(1.0), noisy(other), limits=limits)
+        assert checked(result, "displacement_l2").verdict is Verdict.PASSED
+        own = checked(result, "inverted_cells")
+        assert (own.verdict, own.against) == (Verdict.FAILED, "candidate")
+        assert result.verdict is Verdict.FAILED
+    # Whichever of the two it is.
+    for pair in ((noisy(1.0), fastsim_candidate()), (fastsim_candidate(), noisy(1.0))):
+        own = checked(judge_versus(case, *pair, limits=limits), "inverted_cells")
+        assert own.verdict is Verdict.FAILED
+        assert own.message.startswith("<lambda>: ")
+
+
+def test_a_published_number_is_checked_of_both() -> None:
+    case, limits = palpate.load_case("cantilever"), {"displacement_l2": 0.01}
+    number = next(s for s in case.checks if s.against == "candidate" and s.about.is_published)
+    pair = stretched_by(3.0), stretched_by(3.01)
+    found = checked(judge_versus(case, *pair, limits=limits), number.metric)
+    assert found.verdict is Verdict.FAILED
+
+
+@pytest.mark.parametrize(("noise", "verdict"), [(0.0, "inconclusive"), (1e-16, "inconclusive"),
+                                                (1e-12, "passed")])  # fmt: skip
+def test_two_identical_results_are_said_to_be_and_are_no_evidence(noise, verdict) -> None:
+    case = palpate.load_case("block")
+    result = judge_versus(case, stretched_by(1.0 + noise), stretched_by(1.0))
+    assert result.verdict == verdict
+    said = any("identical to rounding" in note for note in result.notes)
+    assert said == (verdict == "inconclusive")
+
+
 @pytest.mark.parametrize(
     "word",
     ["displacement_l2", "displacement_l2=-1", "displacement_l2=nan", "inverted_cells=1", "x=1"],
@@ -83,10 +123,12 @@ def test_a_limit_that_is_none_is_refused(word) -> None:
 
 def test_the_gate_ends_by_the_limits_of_the_command_line(command_line, tmp_path) -> None:
     path = tmp_path / "r.json"
-    given = ("gate", "stretch", "--simulator", NUMPY, "--versus", NUMPY, "--json", path)
+    given = ("gate", "stretch", "--simulator", NUMPY, "--versus", "fastsim", "--json", path)
     assert command_line(*given, "--limit", "volume=1e-9") == 0
     (case,) = json.loads(path.read_text("utf-8"))["cases"]
-    assert case["checks"][0]["value"] == 0.0
+    assert 0.0 < case["checks"][0]["value"] < 1e-9
+    same = ("gate", "stretch", "--simulator", NUMPY, "--versus", NUMPY)
+    assert command_line(*same, "--limit", "volume=1e-9") == 3
     # Linear tetrahedra on a bent body are not smoothed ones.
     block = ("gate", "shear", "--element", "smoothed", "--versus", NUMPY)
     assert command_line(*block, "--limit", "displacement_l2=1e-9", "--fault", "softer") == 1
