@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import hashlib
 import json
 import os
 import re
@@ -23,6 +22,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.fingerprint import file_hash
 from palpate.meshes.temporaries import locked, own_mark, sweep
 from palpate.validation.output_files import OutputError, require_folder
 from palpate.validation.versions import version_of
@@ -165,7 +165,7 @@ def _write_marker(folder: Path) -> None:
         "palpate": version_of("palpate"),
         "about": "Files that palpate wrote, with their SHA-256: the next run may replace these "
         "and no others.",
-        "files": {name: _hash(folder / name) for name in _files_of(folder)},
+        "files": {name: file_hash(folder / name) for name in _files_of(folder)},
     }
     text = json.dumps(document, indent=1) + "\n"
     (folder / MARKER).write_text(text, encoding="utf-8")
@@ -206,12 +206,7 @@ def _is_own(folder: Path, name: str, hashes: Mapping[str, str]) -> bool:
     path = folder / name
     if name not in hashes or path.is_symlink() or not path.is_file():
         return False
-    return _hash(path) == hashes[name]
-
-
-def _hash(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return file_hash(path) == hashes[name]
 
 
 def _files_of(folder: Path) -> list[str]:

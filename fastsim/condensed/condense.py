@@ -196,7 +196,8 @@ def load_condensed(
         The model, with its inside where that was stored.
 
     Raises:
-        FileFormatError: No such file, no model, or one of another problem, element or points.
+        FileFormatError: No such file, no model, one that has changed since it was written, or one
+            of another problem, element or points, or made by another palpate.
     """
     return read_model(path, CondensedSetup(problem, element, touched, seen))
 
@@ -216,8 +217,10 @@ def condense_once(
     """Read the model from a folder; if it is not there, make it by `condense` and store it there.
 
     A model's file is named by its key: mesh, material, supports, springs, loads, element, points,
-    precision and version. A file that cannot be used is made anew; nothing is ever deleted from
-    the folder, and a model's file is as large as `CondensedModel.num_bytes` and its inside.
+    precision and version. It has the hash of its numbers and of the palpate that made it: a file
+    that has changed, or was made by another palpate, is not used but made anew, and that is said.
+    Nothing is ever deleted from the folder, and a model's file is as large as
+    `CondensedModel.num_bytes` and its inside.
 
     Args:
         folder: Created if it does not exist.
@@ -244,14 +247,16 @@ def condense_once(
     setup = CondensedSetup(problem, element, touched, seen)
     path = Path(folder) / f"condensed-{model_key(setup, precision)[:32]}.npz"
     tell = progress or (lambda _: None)
-    if path.exists():
+    if path.exists() or path.is_symlink():
         try:
+            if path.is_symlink():
+                raise FileFormatError(path, "is a link, which may lead anywhere")
             model = read_model(path, setup)
         except FileFormatError as error:
             tell(f"{error}; made anew")
         else:
             if model.inside is not None or not keep_inside:
-                tell(f"condensed before: {path}")
+                tell(f"condensed before, on {model.made}: {path}")
                 return model
     model = condense_setup(
         setup,
@@ -261,9 +266,11 @@ def condense_once(
         progress=progress,
     )
     try:
+        if path.is_symlink():  # writing would replace what it leads to
+            raise OSError("a link")
         model.save(path)
     except OSError as error:
-        tell(f"not kept for the next time: {path} ({error})")
+        tell(f"not stored for the next time: {path} ({error})")
     else:
-        tell(f"kept for the next time: {path}, {path.stat().st_size / 1e6:.0f} MB")
+        tell(f"stored for the next time: {path}, {path.stat().st_size / 1e6:.0f} MB")
     return model

@@ -8,7 +8,7 @@ touched points: small strain, so everything adds. Equal to the linear solve on t
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,7 @@ from palpate.fastsim.condensed.setup import (
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.fingerprint import array_hash, date_now, palpate_hash
 from palpate.meshes.problem import Element, Problem
 from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.untrusted import read_npz
@@ -56,6 +57,7 @@ class CondensedModel:
             shape (num_springs, 3, num_seen, 3).
         key: Hash of problem, element and points; a file of another key is refused.
         inside: From which the points inside follow; None if it was not stored.
+        made: Of a model that was read from a file: when it was made, in UTC; else "".
     """
 
     problem: Problem
@@ -70,6 +72,7 @@ class CondensedModel:
     anchor_displacements: Floats
     key: str
     inside: Condensed | None = None
+    made: str = ""
 
     @cached_property
     def compliance(self) -> _core.Compliance:
@@ -191,7 +194,7 @@ class CondensedModel:
 
 
 # Version of the file and its content; another one is refused.
-_VERSION = 2
+_VERSION = 3
 _NO_FLOATS = np.zeros(0)
 
 
@@ -214,40 +217,57 @@ def _write_model(path: str | Path, model: CondensedModel) -> None:
     inside = model.inside
     couplings = [] if inside is None else inside.couplings
     offsets = [] if inside is None else inside.offsets
+    given = {
+        "version": _VERSION,
+        "key": model.key,
+        "made": model.made or date_now(),
+        "made_by": palpate_hash(),
+        "precision": model.precision.value,
+        "element": model.element.value,
+        "touched": model.touched,
+        "seen": model.seen,
+        "blocks": model.blocks,
+        "load_displacement": model.load_displacement,
+        "terms": np.array(model.terms, dtype=np.int64).reshape(-1, 2),
+        "term_displacements": model.term_displacements,
+        "anchor_displacements": model.anchor_displacements,
+        "has_inside": inside is not None,
+        "couplings": _in_a_row(couplings),
+        "offsets": _in_a_row(offsets),
+    }
+    fields = {name: np.asarray(value) for name, value in given.items()}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file,
-            version=_VERSION,
-            key=model.key,
-            precision=model.precision.value,
-            element=model.element.value,
-            touched=model.touched,
-            seen=model.seen,
-            blocks=model.blocks,
-            load_displacement=model.load_displacement,
-            terms=np.array(model.terms, dtype=np.int64).reshape(-1, 2),
-            term_displacements=model.term_displacements,
-            anchor_displacements=model.anchor_displacements,
-            has_inside=inside is not None,
-            couplings=_in_a_row(couplings),
-            offsets=_in_a_row(offsets),
-        )
+        np.savez(file, **fields, sha256=np.array(content_hash(fields)))
+
+
+def content_hash(fields: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over every array of a model's file but the hash itself."""
+    rest = {name: array for name, array in fields.items() if name != "sha256"}
+    return array_hash("palpate condensed model", rest)
 
 
 def read_model(path: str | Path, setup: CondensedSetup) -> CondensedModel:
     """Read a model that `CondensedModel.save` wrote, for a body that has been set up.
 
     Raises:
-        FileFormatError: No such file, no model, or one of another version, problem, element or
-            points.
+        FileFormatError: No such file, no model, one that has changed since it was written, or one
+            of another version, problem, element or points, or made by another palpate.
     """
     try:
         fields = read_npz(path, most_bytes=_most_bytes(setup))
         if int(fields["version"]) != _VERSION:
             raise FileFormatError(path, f"is of version {int(fields['version'])}, not {_VERSION}")
+        if str(fields["sha256"]) != content_hash(fields):
+            raise FileFormatError(
+                path, "has changed since it was written: its numbers do not have its hash"
+            )
         precision = CompliancePrecision(str(fields["precision"]))
         if str(fields["key"]) != model_key(setup, precision):
             raise FileFormatError(path, "is the model of another problem; condense this one anew")
+        if str(fields["made_by"]) != palpate_hash():
+            raise FileFormatError(
+                path, f"was made by another palpate on {fields['made']}; condense anew"
+            )
         return _model_of(fields, precision, setup)
     except FileFormatError:
         raise
@@ -302,6 +322,7 @@ def _model_of(
         anchor_displacements=checked("anchor_displacements", springs, 3, seen, 3),
         key=str(fields["key"]),
         inside=inside,
+        made=str(fields["made"]),
     )
 
 

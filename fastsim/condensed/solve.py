@@ -48,6 +48,7 @@ class CondensedResult:
         model_bytes: Size of the compliance.
         steps: Number of steps of the tools.
         iterations: Newton iterations of contact.
+        model_made: When the model was made, where it was read from a folder; else "".
     """
 
     displacement: Points
@@ -56,6 +57,7 @@ class CondensedResult:
     model_bytes: int
     steps: int
     iterations: int
+    model_made: str = ""
 
 
 def solve_condensed(
@@ -203,7 +205,7 @@ def _result(
     model: CondensedModel, displacement: Points, forces: Floats, steps: int, iterations: int
 ) -> CondensedResult:
     return CondensedResult(
-        displacement, forces, len(model.touched), model.num_bytes, steps, iterations
+        displacement, forces, len(model.touched), model.num_bytes, steps, iterations, model.made
     )
 
 

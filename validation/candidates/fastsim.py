@@ -216,5 +216,10 @@ def run_condensed(
         },
         tool_forces=found.tool_forces if problem.tools else None,
     )
-    turned = f"Linear strain: {describe_rotation(problem.mesh, u)}."
-    return dataclasses.replace(state, remarks=(*state.remarks, turned))
+    remarks = [f"Linear strain: {describe_rotation(problem.mesh, u)}."]
+    if found.model_made:
+        remarks.append(
+            f"The condensed model was made before, on {found.model_made}, and read from "
+            f"{FOLDER_VARIABLE}: its making is not in the time."
+        )
+    return dataclasses.replace(state, remarks=(*state.remarks, *remarks))

@@ -8,10 +8,8 @@ has some more. case.json says what each of them is, and what the equations are, 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -23,21 +21,13 @@ from numpy.typing import NDArray
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
+from palpate.meshes.fingerprint import array_hash
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
 from palpate.meshes.temporaries import atomic_path, write_text_atomically
 from palpate.validation.exchange.nodal_arrays import nodal_force, rest_arrays, sliding_points
-
-
-def array_hash(what: str, arrays: Mapping[str, NDArray[Any]]) -> str:
-    """SHA-256 over a word on what they are, and name, type, shape and bytes of every array."""
-    digest = hashlib.sha256(what.encode())
-    for name, array in sorted(arrays.items()):
-        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 @cache

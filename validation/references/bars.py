@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.boundary_conditions import PointForce
+from palpate.meshes.fingerprint import array_hash
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.metrics import CATALOGUE, Part
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.fingerprint import array_hash
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.untrusted import parse_json, read_npz
-from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.references.reference_set import SCALARS, ReferenceSet, StateKey
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.states import REFERENCE, State, StressIntegrals, Trajectory

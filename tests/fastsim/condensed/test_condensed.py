@@ -24,6 +24,7 @@ from palpate.fastsim.condensed import (
     load_condensed,
 )
 from palpate.fastsim.condensed.elimination import invert_in_place
+from palpate.fastsim.condensed.model import content_hash
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import (
@@ -181,6 +182,11 @@ def test_memory_is_told_before_any_is_taken() -> None:
     assert condensed_size(problem, keep_inside=True).peak_bytes > size.peak_bytes
 
 
+def write_sealed(file: Path, fields: dict[str, Any]) -> None:
+    """A file that says what it likes, with the right hash."""
+    np.savez(file, **{**fields, "sha256": np.array(content_hash(fields))})
+
+
 def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None:
     problem, file = sprung(), tmp_path / "model.npz"
     model = condense(problem)
@@ -195,6 +201,13 @@ def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None
     with pytest.raises(FileFormatError, match="another problem"):
         load_condensed(file, problem, element=Element.SMOOTHED)
     fields = dict(np.load(file))
+    # Halved blocks are of the right shape, and would give half the displacement.
+    np.savez(file, **{**fields, "blocks": 0.5 * fields["blocks"]})
+    with pytest.raises(FileFormatError, match="its numbers do not have its hash"):
+        load_condensed(file, problem)
+    write_sealed(file, {**fields, "made_by": np.array("an older core")})
+    with pytest.raises(FileFormatError, match="made by another palpate on 2"):
+        load_condensed(file, problem)
     for name, wrong in (
         ("terms", np.array([[99, 0], [0, 0]])),
         ("terms", np.array([3])),
@@ -203,7 +216,7 @@ def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None
         ("has_inside", np.zeros((2, 2))),
         ("precision", np.array("half")),
     ):
-        np.savez(file, **{**fields, name: wrong})
+        write_sealed(file, {**fields, name: wrong})
         with pytest.raises(FileFormatError, match="no condensed model"):
             load_condensed(file, problem)
     file.write_bytes(file.read_bytes()[:200])
@@ -241,9 +254,10 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
         return model, " ".join(lines)
 
     first, said = reported(keep_inside=True)
-    assert "kept for the next time" in said
+    assert "stored for the next time" in said
     again, said = reported(keep_inside=True)
-    assert "condensed before" in said
+    assert f"condensed before, on {again.made}" in said
+    assert again.made.startswith("2")
     assert "condensing" not in said
     assert np.array_equal(again.whole_displacement(forces), first.whole_displacement(forces))
     # Another key asks for another file; a corrupted file is made anew.
@@ -251,17 +265,28 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
     assert len(list(folder.iterdir())) == 2
     for file in folder.iterdir():
         fields = dict(np.load(file))
-        np.savez(file, **{**fields, "blocks": fields["blocks"][:-1]})
+        np.savez(file, **{**fields, "blocks": 0.5 * fields["blocks"]})
     again, said = reported(keep_inside=True)
-    assert "no condensed model (blocks is of shape" in said
+    assert "its numbers do not have its hash; made anew" in said
+    assert again.made == ""
     assert np.array_equal(again.displacement(forces), first.displacement(forces))
+    # A link leads to a file of somebody else, which is neither read nor replaced.
+    for file in folder.iterdir():
+        theirs = tmp_path / f"theirs-{file.name}"
+        file.rename(theirs)
+        file.symlink_to(theirs)
+    before = {file: file.read_bytes() for file in tmp_path.glob("theirs-*")}
+    again, said = reported(keep_inside=True)
+    assert "is a link, which may lead anywhere; made anew" in said
+    assert "not stored for the next time" in said
+    assert {file: file.read_bytes() for file in before} == before
     (tmp_path / "file").write_text("")
     with pytest.raises(FileFormatError, match="is no folder for condensed models"):
         condense_once(tmp_path / "file", problem)
     # A stored model without its inside is not used where the inside is needed.
     reported(element=Element.SMOOTHED)
     model, said = reported(element=Element.SMOOTHED, keep_inside=True)
-    assert "kept for the next time" in said
+    assert "stored for the next time" in said
     assert model.inside is not None
 
 

@@ -111,9 +111,29 @@ def test_a_folder_keeps_the_model_from_run_to_run(command_line, monkeypatch, tmp
     for _ in range(2):
         assert command_line("gate", "press", "--with", "condensed") == 0
         said.append(" ".join(capsys.readouterr().err.split()))
-    assert "kept for the next time" in said[0]
+    assert "stored for the next time" in said[0]
     assert "condensed before" in said[1]
     assert "condensing" not in said[1]
+
+
+def test_a_model_of_half_the_compliance_changes_no_verdict(
+    command_line, monkeypatch, tmp_path, capsys
+):
+    folder, path = tmp_path / "models", tmp_path / "r.json"
+    monkeypatch.setenv("PALPATE_CONDENSED", str(folder))
+    gate = ("gate", "press", "--with", "condensed", "--json", path)
+    assert command_line(*gate) == 0
+    (file,) = folder.iterdir()
+    fields = dict(np.load(file))
+    np.savez(file, **{**fields, "blocks": 0.5 * fields["blocks"]})
+    capsys.readouterr()
+    assert command_line(*gate) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "has changed since it was written: its numbers do not have its hash; made anew" in said
+    assert "was made before" not in path.read_text("utf-8")
+    # What is read from before says so, with its date.
+    assert command_line(*gate) == 0
+    assert "condensed model was made before, on 2" in path.read_text("utf-8")
 
 
 def test_a_sweep_has_it_beside_fastsim(command_line, tmp_path):
