@@ -48,7 +48,7 @@ lint: setup ## format, style and type checks
 sanitize: setup ## the tests of fastsim under address and undefined-behaviour sanitizers
 	@bash .ci/sanitize.sh $(VENV)/bin/python
 
-mutants: setup ## slips in the judge's own sources, 200 by a fixed seed: each must turn a test red
+mutants: setup ## slips in the judge's own sources, 400 by a fixed seed: each must turn a test red
 	@$(VENV)/bin/python -m pip install -q --disable-pip-version-check -c $(VENV)/constraints.txt --group mutants
 	@bash .ci/view.sh $(VENV)/bin/python
 	@$(VENV)/bin/python tests/mutants/run.py $(MUTANTS)

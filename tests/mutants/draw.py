@@ -21,7 +21,7 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.operator import Operator
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("judging", "metrics", "exchange", "references")
+PACKAGES = ("judging", "metrics", "references", "exchange", "importing", "diagnosis")
 SEED = 2026
 # By the first letters of the operator's name.
 KINDS = {

@@ -1,6 +1,6 @@
 """Mutation tests of the judge: a slip in its own sources must turn a test red.
 
-    python tests/mutants/run.py [--number 200] [--jobs 2] [--list]
+    python tests/mutants/run.py [--number 400] [--jobs 2] [--list]
 
 1. every test of the judge runs once, and which lines it runs is kept (coverage.py);
 2. mutants are drawn by a fixed seed (draw.py);
@@ -161,7 +161,7 @@ def one_of(trees: Queue[Path]) -> Iterator[Path]:
 def main() -> int:
     """Run them and say what survived."""
     parser = argparse.ArgumentParser(description="Mutation tests of the judge.")
-    parser.add_argument("--number", type=int, default=200)
+    parser.add_argument("--number", type=int, default=400)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="lines and seconds of the last run")
     parser.add_argument("--list", action="store_true", help="print the draw and end")
