@@ -84,6 +84,7 @@ shape = "capsule"
 radius = 100.0
 half_length = 250.0
 friction_coefficient = 0.1
+contact = "facets"
 region = {{ half_space = {{ point = [0.0, 0.0, 999.0], normal = [0.0, 0.0, 1.0] }} }}
 
 [[tool.pose]]

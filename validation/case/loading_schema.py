@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from palpate.meshes.face_loads import Profile
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.validation.case.body_schema import (
     Count,
     Flag,
@@ -131,6 +132,8 @@ class ToolSpec(Table):
     """A force that pushes the tool instead of following the poses; one pose is its start."""
     friction_coefficient: NotNegative = 0.0
     """Coulomb's coefficient of friction [-]."""
+    contact: ContactRule = ContactRule.VERTICES
+    """Where linear tetrahedra are kept out of the tool: at vertices, or averaged over facets."""
     region: RegionSpec | None = None
     """The part of the boundary that may touch; all of it where nothing is said."""
 

@@ -236,7 +236,7 @@ class _Builder:
             drive = ForceDrive(spec.drive.direction, force, amplitude, spec.drive.mass)
         path = smooth_path(path) if spec.smooth else path
         shape = _shape(spec, units, folder)
-        return RigidTool(shape, path, spec.friction_coefficient, facets, drive)
+        return RigidTool(shape, path, spec.friction_coefficient, facets, drive, spec.contact)
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         built = self._load(spec, material, what)

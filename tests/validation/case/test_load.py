@@ -69,7 +69,7 @@ def test_time_amplitudes_tools_and_inclusions(write_case):
     assert problem.loads[0].amplitude == TabularAmplitude((0.0, 1.0), (0.0, 2.0), is_smooth=True)
     (tool,) = problem.tools
     assert tool.shape == CapsuleShape(0.1, 0.25)
-    assert tool.friction_coefficient == 0.1
+    assert (tool.friction_coefficient, tool.contact) == (0.1, "facets")
     assert len(tool.contact_facets) == 16
     position, rotation = tool.path.pose_at(0.25)
     assert position == pytest.approx([1.0, 0.5, 1.051])
