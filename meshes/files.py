@@ -11,7 +11,7 @@ import contextlib
 import io
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
-from palpate.meshes.temporaries import atomic_path
+from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
@@ -42,6 +42,10 @@ _BY_LINES = (".ply", ".off", ".obj", ".msh")
 _MOST_PAST_END = 1000
 _PLY_COUNT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
 _PLY_HEADER_BYTES = 10_000
+
+# meshio with numpy 2 writes the fields of an ASCII .msh as np.float64(0.5), and cannot read them.
+_TEXT_MSH = re.compile(rb"\$MeshFormat\s+\S+\s+0\s")
+_NUMPY_NUMBER = re.compile(rb"\bnp\.float\d+\(([^()\s]*)\)")
 
 # Cells of lower dimension that may stand beside the wanted ones.
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
@@ -282,13 +286,27 @@ class _Ending(io.BufferedReader):
 def _read_by_meshio(file: Path, suffix: str) -> Any:
     if suffix not in _BY_LINES:
         return meshio.read(file)
-    with _Ending(io.FileIO(file)) as stream:
-        if suffix == ".msh":
+    if suffix == ".msh":
+        with _with_plain_numbers(file) as plain, _Ending(io.FileIO(plain)) as stream:
             return meshio.gmsh.main.read_buffer(stream)
+    with _Ending(io.FileIO(file)) as stream:
         if suffix == ".ply":
             return meshio.read(stream, "ply")
         with io.TextIOWrapper(stream, encoding="utf-8") as text:
             return meshio.read(text, suffix[1:])
+
+
+@contextlib.contextmanager
+def _with_plain_numbers(file: Path) -> Iterator[Path]:
+    """An ASCII .msh itself, or a copy without the names of numpy's types around its numbers."""
+    text = file.read_bytes()
+    if not (_TEXT_MSH.search(text[:1000]) and _NUMPY_NUMBER.search(text)):
+        yield file
+        return
+    with scratch_folder("msh") as folder:
+        copy = folder / "plain.msh"
+        copy.write_bytes(_NUMPY_NUMBER.sub(rb"\1", text))
+        yield copy
 
 
 def _cells_of(data: Any, kind: str) -> NDArray[Any]:

@@ -75,6 +75,22 @@ def test_fields_come_back(tmp_path: Path) -> None:
     assert np.array_equal(fields["displacement"], field)
 
 
+@pytest.mark.parametrize("version", ["2.2", "4.0", "4.1"])
+@pytest.mark.parametrize("spelled", ["{}", "np.float64({})", "np.float32({})"])
+def test_fields_of_a_text_msh_are_read_as_any_meshio_spells_them(
+    tmp_path: Path, version: str, spelled: str
+) -> None:
+    path = tmp_path / "mesh.msh"
+    cells = [("tetra", np.array(ONE_CELL.cells))]
+    meshio.gmsh.write(path, meshio.Mesh(np.array(ONE_CELL.points), cells), version, binary=False)
+    rows = "".join(f"{k} {spelled.format(k / 8)}\n" for k in range(1, 5))
+    field = f'$NodeData\n1\n"u"\n1\n0.0\n3\n0\n1\n4\n{rows}$EndNodeData\n'
+    path.write_text(path.read_text() + field)
+    _, _, fields, _ = read_result_arrays(path)
+    assert fields["u"].tolist() == [1 / 8, 2 / 8, 3 / 8, 4 / 8]
+    assert read_mesh(path).num_points == 4
+
+
 def test_scale_turns_file_units_into_metres(tmp_path: Path) -> None:
     write_mesh(tmp_path / "m.vtu", ONE_CELL)
     assert read_mesh(tmp_path / "m.vtu", scale=1e-3).volume == pytest.approx(
