@@ -1,33 +1,26 @@
 """An independent mesher: gmsh fills a closed surface, keeping its facets.
 
 gmsh runs in a process of its own, with a time limit, since it aborts or hangs on some bad input.
-Before that, different shells of the surface are checked not to cross, in rounding arithmetic;
-shells that merely touch, and a shell that crosses itself, need exact predicates: see
-`palpate.fastsim.mesher`.
+Self-intersection is not checked here: that needs exact predicates, which the caller has (see
+`require_no_self_intersection` of `palpate.fastsim.surface_remesher`).
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import subprocess
 import sys
-from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Integers, Mask, Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import MeshError
-from palpate.meshes.shells import Shell, ShellKind, find_shells
+from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.supervised import run_supervised
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
-from palpate.meshes.triangles import edge_uses
-
-# Edges times facets per block: limits the memory to some 100 MB.
-_BLOCK = 500_000
+from palpate.meshes.tri_surface import TriSurface
 
 
 class MesherFailedError(MeshError):
@@ -40,7 +33,8 @@ def mesh_with_gmsh(
     """Fill a closed surface with tetrahedra by gmsh (Delaunay, with Netgen's optimiser).
 
     Args:
-        surface: Closed surface [m]: outer walls, cavities, bodies within cavities.
+        surface: Closed surface [m] without self-intersection: outer walls, cavities, bodies within
+            cavities.
         edge_length: Wanted edge length inside [m]; None takes the surface's.
         time_limit: Seconds before gmsh is ended.
 
@@ -48,10 +42,10 @@ def mesh_with_gmsh(
         A mesh whose boundary facets are exactly the surface's, points in its order first.
 
     Raises:
-        SurfaceError: The surface does not bound a solid, or its shells cross.
+        SurfaceError: The surface does not bound a solid.
         MesherFailedError: gmsh is missing, failed, ran out of time, or changed the boundary.
     """
-    require_apart(surface, require_closed(surface))
+    require_closed(surface)
     with scratch_folder("gmsh") as folder:
         source, target = folder / "surface.npz", folder / "mesh.npz"
         np.savez(source, points=surface.points, facets=surface.facets)
@@ -133,67 +127,6 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
     renumber = np.full(len(position), -1)
     renumber[order] = np.arange(len(order))
     return position[order], renumber[cells].astype(np.int32)
-
-
-def require_apart(surface: TriSurface, shells: Sequence[Shell]) -> None:
-    """Refuse shells where an edge of one pierces a facet of another.
-
-    Args:
-        surface: Closed.
-        shells: Its shells.
-
-    Raises:
-        SelfIntersectionError: They cross; one pair of facets for each edge that pierces.
-    """
-    pairs: list[tuple[int, int]] = []
-    for one, other in itertools.permutations(range(len(shells)), 2):
-        pairs += _piercings(surface, shells[one].facets, shells[other].facets)
-    if pairs:
-        raise SelfIntersectionError(sorted(set(pairs)))
-
-
-def _piercings(surface: TriSurface, rows: Integers, walls: Integers) -> list[tuple[int, int]]:
-    """Pairs (facet of `rows` at the edge, pierced facet of `walls`)."""
-    points = surface.points
-    uses = edge_uses(surface.facets[rows])
-    owner = np.empty(len(uses.edges), dtype=np.int64)
-    owner[uses.edge] = rows[uses.owner]
-    edges, facets = uses.edges, surface.facets[walls]
-    # What lies outside the other's bounding box cannot pierce it.
-    near_edges = _boxes_meet(points, edges, facets)
-    near_facets = _boxes_meet(points, facets, edges)
-    edges, owner = edges[near_edges], owner[near_edges]
-    facets, walls = facets[near_facets], walls[near_facets]
-    found: list[tuple[int, int]] = []
-    step = max(1, _BLOCK // max(1, len(facets)))
-    for start in range(0, len(edges) if len(facets) else 0, step):
-        block = slice(start, start + step)
-        e, f = np.nonzero(_pierces(points, edges[block], facets))
-        found += zip(owner[block][e].tolist(), walls[f].tolist(), strict=True)
-    return found
-
-
-def _boxes_meet(points: Points, items: Indices | Integers, others: Indices | Integers) -> Mask:
-    low, high = points[others].min(axis=(0, 1)), points[others].max(axis=(0, 1))
-    corners = points[items]
-    meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
-    found: Mask = meets.all(axis=1)
-    return found
-
-
-def _pierces(points: Points, edges: Integers, facets: Indices) -> Mask:
-    """Whether each edge passes through each facet, shape (num_edges, num_facets)."""
-    p, q = (points[edges[:, None, k]] for k in range(2))
-    a, b, c = (points[facets[None, :, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    ends = np.einsum("efk,efk->ef", p - a, normal) * np.einsum("efk,efk->ef", q - a, normal)
-    along = q - p
-    turns = [
-        np.einsum("efk,efk->ef", along, np.cross(u - p, v - p)) for u, v in ((a, b), (b, c), (c, a))
-    ]
-    is_through = (np.minimum.reduce(turns) > 0.0) | (np.maximum.reduce(turns) < 0.0)
-    found: Mask = (ends < 0.0) & is_through
-    return found
 
 
 def _main() -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import MeshError
 from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import measure_quality
@@ -72,13 +71,3 @@ def test_an_open_surface_is_refused_before_gmsh_sees_it() -> None:
 def test_gmsh_out_of_time_is_said() -> None:
     with pytest.raises(MesherFailedError, match="did not end"):
         mesh_with_gmsh(shape_box(edge_length=0.5), time_limit=0.01)
-
-
-def test_a_self_intersecting_surface_is_refused() -> None:
-    box = shape_box(edge_length=0.5)
-    both = TriSurface(
-        np.vstack([box.points, box.points + 0.3]),
-        np.vstack([box.facets, box.facets + len(box.points)]),
-    )
-    with pytest.raises(MeshError):
-        mesh_with_gmsh(both)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.gmsh_mesher import require_apart
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import (
     ShellKind,
@@ -15,7 +14,7 @@ from palpate.meshes.shells import (
     winding_numbers,
 )
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import OrientationError, SelfIntersectionError, TriSurface
+from palpate.meshes.tri_surface import OrientationError, TriSurface
 
 BALL = shape_sphere(1.0, edge_length=0.5)
 
@@ -93,18 +92,3 @@ def test_winding_numbers_are_whole_inside_and_out_also_close_to_the_surface() ->
     # Each of the facets' angles is good to a few roundings of pi.
     tolerance = 8 * box.num_facets * np.finfo(float).eps + 1e-8  # 1e-9 off a side of 0.5: 4e-9
     assert np.abs(winding_numbers(box, positions) - [1.0, 1.0, 0.0, 0.0]).max() < tolerance
-
-
-def test_shells_that_cross_are_named_also_where_no_point_lies_within_the_other() -> None:
-    beam = shape_box((4.0, 0.5, 0.5), edge_length=4.0)
-    across = shape_box((0.5, 0.5, 4.0), edge_length=4.0)
-    both = together(
-        TriSurface(beam.points, beam.facets),
-        TriSurface(across.points + np.array([1.0, 0.1, -2.0]), across.facets),
-    )
-    with pytest.raises(SelfIntersectionError) as caught:
-        require_apart(both, find_shells(both))
-    count = len(beam.facets)
-    assert all((a < count) != (b < count) for a, b in caught.value.pairs)
-    apart = together(ball(4.0), ball(2.0, inward=True), ball(1.0), ball(1.0, at=(6, 0, 0)))
-    require_apart(apart, find_shells(apart))

@@ -31,7 +31,7 @@ from palpate.fastsim.mesher import (
     mesh_surface,
 )
 from palpate.fastsim.nested_bodies import CrossingBodiesError, mesh_bodies
-from palpate.fastsim.surface_remesher import remesh_surface
+from palpate.fastsim.surface_remesher import remesh_surface, require_no_self_intersection
 from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import InputError, MeshError
 from palpate.meshes.files import read_mesh
@@ -58,6 +58,8 @@ from palpate.validation.case.units import Units
 BODY = "body"
 # Time limit of gmsh, a process of its own [s].
 _GMSH_LIMIT = 300.0
+# Pairs of crossing facets that an error names at most.
+_MOST_PAIRS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,6 +322,9 @@ def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Fi
     if size is None and spec.interior == "graded":
         size = largest_edge(surface)
     try:
+        require_no_self_intersection(
+            np.ascontiguousarray(surface.points), surface.facets, most=_MOST_PAIRS
+        )
         mesh = mesh_with_gmsh(
             surface, edge_length=size, time_limit=min(how.time_left() or math.inf, _GMSH_LIMIT)
         )

@@ -7,12 +7,18 @@ import pytest
 from case_texts import BOX
 from typer.testing import CliRunner
 
+import palpate
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import in_file_unit, read_mesh, write_mesh, write_surface
 from palpate.meshes.problem import Strain
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import FinError, OpenSurfaceError, TriSurface
+from palpate.meshes.tri_surface import (
+    FinError,
+    OpenSurfaceError,
+    SelfIntersectionError,
+    TriSurface,
+)
 from palpate.validation.case import load_case
 from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
@@ -82,6 +88,19 @@ def test_a_binary_stl_is_a_surface_too(of_file):
 def test_what_bounds_no_solid_is_refused(of_file, given, keys, reason):
     with pytest.raises(InputError, match=reason):
         _ = of_file(given, keys).mesh
+
+
+@pytest.mark.parametrize("mesher", ["fastsim", "gmsh"])
+@pytest.mark.parametrize("at", [(1.0, 0.1, -2.0), (1.0, 0.1, 0.5)], ids=["across", "touching"])
+def test_shells_that_cross_or_touch_are_named_by_every_mesher(mesher, at):
+    beam = shape_box((4.0, 0.5, 0.5), edge_length=4.0)
+    other = shape_box((0.5, 0.5, 4.0), edge_length=4.0)
+    points = np.vstack([beam.points, other.points + np.array(at)])
+    facets = np.vstack([beam.facets, other.facets + len(beam.points)])
+    with pytest.raises(SelfIntersectionError) as caught:
+        palpate.mesh(TriSurface(points, facets), mesher=mesher)
+    count = len(beam.facets)
+    assert all((a < count) != (b < count) for a, b in caught.value.pairs)
 
 
 def test_files_that_are_not_there_or_hold_nan_are_refused(write_case, tmp_path):
