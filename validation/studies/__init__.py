@@ -1,8 +1,9 @@
-"""Studies: of the paper, remade, and of what the answers depend on; a file or folder each.
+"""Studies: of the paper, remade, and of what the answers depend on; a file each.
 
-Each is a module with a `TITLE`, `compute`, `judge` and `present`, see
-`palpate.validation.studies.study.Study`; here they are named, and nothing heavy is loaded until one
-is run.
+Each is a module with a `TITLE` and three steps that can be tried alone: `compute(progress)`,
+everything that takes time; `judge(found)`, claims put to the test, of which the gravest verdict is
+the study's; `present(found)`, figures, tables, remarks. The docstring of the module is a heading,
+then paragraphs for the page. Nothing heavy is loaded until one is run.
 """
 
 from __future__ import annotations
@@ -17,13 +18,11 @@ from palpate.validation.states import ExitCode, Progress
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from palpate.validation.studies.study import Study
-
 # Name -> what it shows, a line.
 STUDIES = {
     "beam": "Fig. 2: linear strain stretches a beam falsely, Green does not",
     "calibration": "error bars of the truth against 68 known answers",
-    "convergence": "orders in h, p and dt, as theory says; the kidney's GCI",
+    "convergence": "the kidney's order, Richardson's value and error bar (GCI) on three meshes",
     "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error against run time of every simulator that is installed",
     "grading": "section V: graded meshes, the same answer with fewer cells",
@@ -36,18 +35,15 @@ STUDIES = {
 _ELSEWHERE = {"frontier": "palpate.validation.peers.frontier"}
 
 
-def load_study(name: str) -> Study[Any]:
-    """A study by its name.
+def load_study(name: str) -> Any:
+    """The module of a study.
 
     Raises:
         InputError: There is none of this name.
     """
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
-    from palpate.validation.studies import study
-
-    module = importlib.import_module(_ELSEWHERE.get(name, f"palpate.validation.studies.{name}"))
-    return study.Study(module.TITLE, module.__doc__, module.compute, module.judge, module.present)
+    return importlib.import_module(_ELSEWHERE.get(name, f"palpate.validation.studies.{name}"))
 
 
 def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:
@@ -62,4 +58,14 @@ def run_study(name: str, folder: Path, progress: Progress, console: Console) -> 
     Raises:
         InputError: No such study.
     """
-    return load_study(name).run(name, folder, progress, console)
+    from palpate.validation.report.study_page import leave
+
+    study = load_study(name)
+    found = study.compute(progress)
+    findings = study.judge(found)
+    progress("drawing the report")
+    about = (study.__doc__ or "").split("\n\n")[1:]
+    return leave(
+        folder, console, name=name, title=study.TITLE, about=about, findings=findings,
+        page=study.present(found),
+    )  # fmt: skip

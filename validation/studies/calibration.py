@@ -17,7 +17,6 @@ tests/bank/calibration_recipe, with which a test compares the store every night.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -27,20 +26,16 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate import meshes, reference
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import load_problem
-from palpate.meshes.temporaries import write_text_atomically
 from palpate.meshes.untrusted import read_npz
 from palpate.reference.errors import ReferenceFailedError
-from palpate.validation import metrics, references
 from palpate.validation.metrics import WHOLE_BODY_METRICS, measure
 from palpate.validation.metrics.difference import make_state
 from palpate.validation.references.adaptive_truth import TruthRequest, solve_truth
@@ -50,7 +45,6 @@ from palpate.validation.references.statics import solve_live
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, State, Trajectory
-from palpate.validation.versions import version_of
 
 TITLE = "Error bars against known answers"
 
@@ -217,7 +211,6 @@ def compare_all(
     progress: Progress,
     *,
     ways: Sequence[str] = WAYS,
-    cache_folder: Path | None = None,
     jobs: int = 1,
 ) -> list[Number]:
     """The numbers of problems, stored and live.
@@ -226,20 +219,11 @@ def compare_all(
         problems: Which.
         progress: Called with one line now and then.
         ways: STORED, LIVE or both.
-        cache_folder: Of numbers that were found before, and where new ones go.
         jobs: How many are solved at once, each in a process of its own.
     """
 
     def one(known: Known, way: str) -> list[Number]:
-        file = None if cache_folder is None else cache_file(cache_folder, known, way)
-        rows = None if file is None else _cached(file)
-        if rows is not None:
-            progress(f"{known.name}, {way}: cached")
-            return rows
-        found = compare(known, way, lambda line: progress(f"{known.name}, {way}: {line}"))
-        if file is not None and found:
-            write_text_atomically(file, json.dumps(found))
-        return found
+        return compare(known, way, lambda line: progress(f"{known.name}, {way}: {line}"))
 
     with ThreadPoolExecutor(jobs) as pool:  # truths are solved in child processes
         lists = [pool.submit(one, known, way) for known in problems for way in ways]
@@ -248,34 +232,6 @@ def compare_all(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def cache_file(folder: Path, known: Known, way: str) -> Path:
-    """Where the numbers of a problem, found in a way, are cached.
-
-    The name ends with a hash of what was solved and of every source that the numbers come from.
-    """
-    solved = json.dumps([known.name, dict(known.given), way], sort_keys=True)
-    key = hashlib.sha256(f"{solved}\n{_sources_hash()}".encode()).hexdigest()[:16]
-    return folder / f"{known.name}-{way}-{key}.json"
-
-
-def _cached(file: Path) -> list[Number] | None:
-    """What is cached in a file; None where nothing is, or what is there cannot be read."""
-    try:
-        return [Number(*row) for row in json.loads(file.read_text("utf-8"))]
-    except (OSError, ValueError, TypeError):
-        return None
-
-
-@cache
-def _sources_hash() -> str:
-    digest = hashlib.sha256(version_of("fenics-dolfinx").encode())
-    rooms = [Path(f) for room in (meshes, reference, references, metrics) for f in room.__path__]
-    files = [file for room in rooms for file in sorted(room.rglob("*.py"))]
-    for file in (*files, Path(__file__), STORE):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
 
 
 def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, dict[str, float]]:
@@ -315,10 +271,7 @@ def _of(found: ReferenceSet, problem: Problem, strain: Strain) -> tuple[State, d
 
 
 class Found(NamedTuple):
-    """Every number, the problems that were run, and the processor time it took [s].
-
-    Numbers that were cached by a run before take none.
-    """
+    """Every number, the problems that were run, and the processor time it took [s]."""
 
     numbers: tuple[Number, ...]
     problems: tuple[Known, ...]
@@ -326,13 +279,10 @@ class Found(NamedTuple):
 
 
 def compute(progress: Progress) -> Found:
-    """All problems, stored and live, two at once; what a run before found is cached."""
+    """All problems, stored and live, two at once."""
     problems, begun = known_problems(), _processor_time()
     jobs = min(2, os.cpu_count() or 1)
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    folder = Path(home) / "palpate" / "calibration"
-    folder.mkdir(parents=True, exist_ok=True)
-    numbers = compare_all(problems, progress, cache_folder=folder, jobs=jobs)
+    numbers = compare_all(problems, progress, jobs=jobs)
     return Found(tuple(numbers), tuple(problems), _processor_time() - begun)
 
 
@@ -408,7 +358,7 @@ def present(found: Found) -> Page:
         },
         remarks=[
             "A run on the half that is set apart belongs in calibration_runs.toml.",
-            f"Processor time: {found.processor_time / 60.0:.0f} minutes; cached numbers took none.",
+            f"Processor time: {found.processor_time / 60.0:.0f} minutes.",
         ],
         numbers={
             "problems": [problem.name for problem in found.problems],

@@ -7,9 +7,6 @@ quadratic ones begin to); the error is the relative L2 distance from it, read at
 
 The time is processor time of fastsim's equilibrium, without start-up. Other simulators that are
 installed stand on the same figure, timed by themselves.
-
-Then bars of few cells through the thickness, and cells longer than high: what `palpate check` says
-of them before solving is a rule, which stands here beside what both elements miss.
 """
 
 from __future__ import annotations
@@ -22,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, side, support_of
@@ -30,7 +26,6 @@ from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
 from palpate.validation.references.runs import solve_state
-from palpate.validation.report.estimates import expected_error
 from palpate.validation.report.plots import (
     BLUE,
     BROWN,
@@ -71,15 +66,6 @@ LEVELS = (0.1, 0.05, 0.02, 0.01)
 _STEPS = 91
 OURS = {Element.LINEAR: "fastsim, linear", Element.SMOOTHED: "fastsim, smoothed"}
 _COLOURS = {Element.LINEAR: RED, Element.SMOOTHED: BLUE}
-# Bars of the rule: cells through the thickness, and length over height of a cell.
-THROUGH = (1, 2, 3, 4, 8)
-SLENDERNESS = (1, 2, 4)
-# A rule to choose a mesh by. Of linear tetrahedra it is to be right but for a fifth; of smoothed
-# ones, which are soon good, it may say three times too much, and half as much again too little,
-# where one of both is above what anybody asks for.
-LINEAR_WITHIN = 0.2
-SMOOTHED_BELOW, SMOOTHED_ABOVE = 1.0 / 3.0, 1.5
-NOBODY_ASKS = 0.01
 
 Solve = Callable[[Problem, Element], tuple[float, Points]]
 
@@ -99,29 +85,16 @@ class Run(NamedTuple):
     error: float
 
 
-class Thin(NamedTuple):
-    """A bar on one mesh: relative L2 errors of both elements, and what the rule says."""
-
-    poissons_ratio: float
-    num_cells: int
-    slenderness: int
-    linear: float
-    smoothed: float
-    linear_rule: float
-    smoothed_rule: float
-
-
 class Found(NamedTuple):
     """Every run.
 
     `truth_changes` says how far each truth moves when its mesh is halved, by Poisson's ratio;
-    `left_out` which rivals were left out, and why; `thin` has the bars of the rule.
+    `left_out` which rivals were left out, and why.
     """
 
     runs: Sequence[Run]
     truth_changes: Mapping[float, float]
     left_out: Sequence[str] = ()
-    thin: Sequence[Thin] = ()
 
     def of(self, poissons_ratio: float, who: str) -> list[Run]:
         """One curve, from the coarsest mesh on."""
@@ -164,17 +137,15 @@ def follow_bars(
     ratios: Sequence[float] = RATIOS,
     divisions: Mapping[Element, Sequence[int]] = DIVISIONS,
     truth_divisions: int = TRUTH_DIVISIONS,
-    through: Sequence[int] = THROUGH,
     solve: Solve = time_fastsim,
 ) -> Found:
-    """Every bar by both elements and by the rivals that are installed, and the bars of the rule.
+    """Every bar by both elements and by the rivals that are installed.
 
     Args:
         progress: Called before what takes long.
         ratios: Poisson's ratios.
         divisions: Meshes of each element.
         truth_divisions: Mesh of the truth, an even number.
-        through: Cells through the thickness of the bars of the rule.
         solve: fastsim's statics with their time, or what is put to the test in their place.
 
     Raises:
@@ -184,7 +155,6 @@ def follow_bars(
     run_installed = importlib.import_module("palpate.validation.peers.frontier").run_installed
     runs: list[Run] = []
     changes: dict[float, float] = {}
-    thin: list[Thin] = []
     left_out: list[str] = []
 
     def leave_out(line: str) -> None:
@@ -215,24 +185,7 @@ def follow_bars(
             who = f"{row.tool} {row.version}"
             n = size[row.num_cells]
             runs.append(Run(nu, who, row.law, n, row.num_cells, row.seconds, row.error))
-        progress(f"cells through the thickness, nu = {nu:g}")
-        thin += follow_thin(truth, nu, through)
-    return Found(runs, changes, left_out, thin)
-
-
-def follow_thin(truth: FieldTruth, poissons_ratio: float, through: Sequence[int]) -> list[Thin]:
-    """Both elements on every mesh that whole cells make."""
-    found = []
-    for a in SLENDERNESS:
-        for n in (n for n in through if 4 * n % a == 0):
-            problem = make_bar(n, poissons_ratio, slenderness=a)
-            linear, smoothed = (
-                truth.error_of(problem.mesh, solve_static(problem, element=element).displacement)
-                for element in Element
-            )
-            rules = [expected_error(n, a, poissons_ratio, element) for element in Element]
-            found.append(Thin(poissons_ratio, n, a, linear, smoothed, rules[0], rules[1]))
-    return found
+    return Found(runs, changes, left_out)
 
 
 def orders(runs: Sequence[Run]) -> list[float | None]:
@@ -279,7 +232,7 @@ def compute(progress: Progress) -> Found:
 
 
 def judge(found: Found) -> list[Finding]:
-    """Limits near incompressibility, who gets to the same error sooner, and the rule."""
+    """Limits near incompressibility, and who gets to the same error sooner."""
     findings = []
     for nu, change in found.truth_changes.items():
         smoothed = found.of(nu, OURS[Element.SMOOTHED])
@@ -305,7 +258,7 @@ def judge(found: Found) -> list[Finding]:
                     gravest(verdicts),
                 )
             )
-    return [*findings, *judge_thin(found.thin)]
+    return findings
 
 
 def _quickness_in_words(times: Mapping[float, float]) -> str:
@@ -325,37 +278,8 @@ def _quickness_in_words(times: Mapping[float, float]) -> str:
     return "; ".join(parts) or "neither gets there"
 
 
-def judge_thin(bars: Sequence[Thin]) -> list[Finding]:
-    """The rule of `palpate check`, at each Poisson's ratio."""
-    findings = []
-    for nu in dict.fromkeys(bar.poissons_ratio for bar in bars):
-        of = [bar for bar in bars if bar.poissons_ratio == nu]
-        ratios = [bar.linear / bar.linear_rule for bar in of]
-        findings.append(
-            judged(
-                f"nu = {nu:g}: the rule says what linear tetrahedra miss in bending, but for "
-                f"{100 * LINEAR_WITHIN:g} % of it, with {min(b.num_cells for b in of)} to "
-                f"{max(b.num_cells for b in of)} cells through the thickness, 1 to "
-                f"{max(b.slenderness for b in of)} times as long as high",
-                f"{min(ratios):.2f} to {max(ratios):.2f} times the rule",
-                all(abs(ratio - 1.0) <= LINEAR_WITHIN for ratio in ratios),
-            )
-        )
-        asked = [bar for bar in of if max(bar.smoothed, bar.smoothed_rule) >= NOBODY_ASKS]
-        ratios = [bar.smoothed / bar.smoothed_rule for bar in asked]
-        findings.append(
-            judged(
-                f"nu = {nu:g}: smoothed tetrahedra miss at most {SMOOTHED_ABOVE:g} times what the "
-                f"rule says and at least a third of it, from {100 * NOBODY_ASKS:g} % on",
-                f"{min(ratios, default=0.0):.2f} to {max(ratios, default=0.0):.2f} times the rule",
-                all(SMOOTHED_BELOW <= ratio <= SMOOTHED_ABOVE for ratio in ratios),
-            )
-        )
-    return findings
-
-
 def present(found: Found) -> Page:
-    """Error over processor time, the time to an error, every run, and the rule."""
+    """Error over processor time, the time to an error, and every run."""
     ratio = {"Poisson's ratio": "g"}
     columns = {"solver": "", "law": "", "cells an edge": "d", "cells": "d", "seconds": ".3g"}
     every = [
@@ -367,9 +291,8 @@ def present(found: Found) -> Page:
         (*which, *(seconds_to(found.of(*which), level) for level in LEVELS))
         for which in found.curves
     ]
-    thin = {"cells through": "d", "length / height": "d", "linear": ".4f", "smoothed": ".4f"}
     return Page(
-        figures={"bar": _draw_bars(found), "thin": _draw_thin(found.thin)},
+        figures={"bar": _draw_bars(found)},
         tables={
             "times": Table(
                 "Time to an error, between meshes by powers",
@@ -380,11 +303,6 @@ def present(found: Found) -> Page:
                 "Clamped bar, 4 x 1 x 1: every run",
                 ratio | columns | {"error": ".4f", "order": ".2f"},
                 every,
-            ),
-            "thin": Table(
-                "Cells through the thickness: errors, and what the rule says",
-                ratio | thin | {"linear, rule": ".4f", "smoothed, rule": ".4f"},
-                found.thin,
             ),
         },
         remarks=[f"Left out: {line}" for line in found.left_out],
@@ -430,34 +348,5 @@ def _draw_bars(found: Found) -> Figure:
         [panels[k : k + 2] for k in range(0, len(panels), 2)],
         "Lower left is better. The dotted line is the truth's own change when its mesh is "
         "halved: errors near it say nothing. Dashed lines: another material law.",
-        shares_legend=True,
-    )
-
-
-def _draw_thin(bars: Sequence[Thin]) -> Figure:
-    """Cells as long as high; a panel for each Poisson's ratio."""
-    panels = []
-    for nu in dict.fromkeys(bar.poissons_ratio for bar in bars):
-        of = [bar for bar in bars if (bar.poissons_ratio, bar.slenderness) == (nu, 1)]
-        cells = [float(bar.num_cells) for bar in of]
-        lines = []
-        for element, colour in _COLOURS.items():
-            for name, style in ((f"{element}", "-o"), (f"{element}_rule", "--")):
-                errors = [getattr(bar, name) for bar in of]
-                label = name.replace("_", ", ")
-                lines.append(Line(cells, errors, label=label, style=style, colour=colour))
-        panels.append(
-            Panel(
-                lines,
-                "cells through the thickness",
-                "relative L2 error",
-                title=f"Poisson's ratio {nu:g}",
-                log="xy",
-            )
-        )
-    return line_figure(
-        [panels[k : k + 2] for k in range(0, len(panels), 2)],
-        "What both elements miss where few cells, as long as high, lie through the thickness of a "
-        "bent bar, and what `palpate check` says of it before solving.",
         shares_legend=True,
     )

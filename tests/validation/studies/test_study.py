@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
+from palpate.validation import studies
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.report.plots import Figure
-from palpate.validation.report.study_page import Finding, Page, Table
+from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import ExitCode, Progress, Verdict
-from palpate.validation.studies import STUDIES, load_study
-from palpate.validation.studies.study import Study, findings_of, page_of
+from palpate.validation.studies import STUDIES, load_study, run_study
+from palpate.validation.studies.study import findings_of, page_of
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_has_the_three_steps(name: str) -> None:
     study = load_study(name)
-    assert isinstance(study, Study)
-    assert study.title
-    assert study.about
+    assert study.TITLE
+    assert study.__doc__
+    assert all(callable(step) for step in (study.compute, study.judge, study.present))
 
 
 def test_a_study_that_is_not_there_is_told_with_those_that_are() -> None:
@@ -31,7 +33,7 @@ def test_a_study_that_is_not_there_is_told_with_those_that_are() -> None:
         load_study("moon")
 
 
-def small(verdict: Verdict) -> Study[float]:
+def small(verdict: Verdict) -> SimpleNamespace:
     def compute(progress: Progress) -> float:
         progress("computing")
         return 0.5
@@ -44,7 +46,9 @@ def small(verdict: Verdict) -> Study[float]:
         table = Table("T", {"x": ".1f"}, [(found,), (float("nan"),)])
         return Page({"fig": Figure("<svg></svg>", "")}, {"tab": table}, numbers={"y": float("inf")})
 
-    return Study("Small", "Heading.\n\nWhy.", compute, judge, present)
+    return SimpleNamespace(
+        TITLE="Small", __doc__="Heading.\n\nWhy.", compute=compute, judge=judge, present=present
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,10 +60,11 @@ def small(verdict: Verdict) -> Study[float]:
     ],
 )
 def test_a_study_leaves_page_figures_tables_and_numbers(
-    tmp_path: Path, verdict: Verdict, code: ExitCode
+    tmp_path: Path, verdict: Verdict, code: ExitCode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     console, lines = Console(record=True, width=40), list[str]()
-    assert small(verdict).run("small", tmp_path, lines.append, console) == code
+    monkeypatch.setattr(studies, "load_study", lambda _name: small(verdict))
+    assert run_study("small", tmp_path, lines.append, console) == code
     assert lines == ["computing", "drawing the report"]
     assert {f.name for f in tmp_path.iterdir()} == {
         "report.html", "fig.svg", "tab.csv", "results.json"
@@ -83,11 +88,13 @@ def test_a_case_as_a_study_has_its_own_report_and_its_checks_as_findings(tmp_pat
     findings = findings_of(result)
     assert len(findings) == 1 + len(result.checks)
     assert findings[0].verdict is result.verdict is Verdict.PASSED
-    study = Study("Block", "B.", lambda _progress: result, findings_of, page_of)
-    assert study.run("block", tmp_path, lambda _line: None, Console(quiet=True)) == 0
+    page = page_of(result)
+    console = Console(quiet=True)
+    given = {"name": "block", "title": "Block", "about": (), "findings": findings, "page": page}
+    assert leave(tmp_path, console, **given) == 0
     document = json.loads((tmp_path / "results.json").read_text("utf-8"))
     assert [case["name"] for case in document["cases"]] == ["block"]
     assert document["schema"] == 1
-    page = (tmp_path / "report.html").read_text("utf-8")
-    assert result.title in page
-    assert "viewer" in page
+    html = (tmp_path / "report.html").read_text("utf-8")
+    assert result.title in html
+    assert "viewer" in html

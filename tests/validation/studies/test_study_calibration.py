@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import tomllib
 
@@ -27,7 +26,6 @@ from palpate.validation.studies.calibration import (
     Found,
     Known,
     Number,
-    cache_file,
     compare,
     compare_all,
     judge,
@@ -273,21 +271,6 @@ def test_tangents_in_two_dimensions_are_the_slope_of_the_forces(law: Law) -> Non
     )
     wanted = -np.einsum("eij,ej->ei", K, along[plane.elements].reshape(len(K), -1))
     np.testing.assert_allclose(rise, wanted, rtol=0.0, atol=1e-7 * np.abs(wanted).max())
-
-
-def test_numbers_are_cached_by_what_was_run(tmp_path) -> None:
-    one, other = known_problems()[:2]
-    rows = [number(1.0, 0.5), number(math.inf, 0.5)]
-    file = cache_file(tmp_path, one, STORED)
-    file.write_text(json.dumps(rows))
-    assert compare_all([one], in_silence, ways=(STORED,), cache_folder=tmp_path) == rows
-    changed = dataclasses.replace(one, given={**one.given, "nu": 0.123})
-    names = {cache_file(tmp_path, p, way) for p in (one, other, changed) for way in WAYS}
-    assert len(names) == 6
-    # What cannot be read is found again: nothing, of a problem without a solution.
-    file.write_text("[[1, ")
-    bare = dataclasses.replace(one, solution=None)
-    assert compare_all([bare], in_silence, ways=(STORED,), cache_folder=tmp_path) == []
 
 
 @pytest.mark.dolfinx

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,8 @@ from palpate.validation.studies.elements import (
     RATIOS,
     Found,
     Run,
-    Thin,
     follow_bars,
     judge,
-    judge_thin,
     make_bar,
     orders,
     present,
@@ -56,9 +55,9 @@ RIVAL = curve("Rival 1", [0.01, 0.1, 1.0], [0.1, 0.025, 0.00625], "neo-Hookean")
 LOCKED = [run._replace(error=0.06) if run.divisions == 8 else run for run in FAST]
 
 
-def found_of(*curves: list[Run], thin: tuple[Thin, ...] = ()) -> Found:
+def found_of(*curves: list[Run]) -> Found:
     runs = [run for runs in curves for run in runs]
-    return Found(runs, {0.49: 0.001}, ["other: not here"], thin)
+    return Found(runs, {0.49: 0.001}, ["other: not here"])
 
 
 def test_a_time_to_an_error_lies_between_meshes_on_a_power() -> None:
@@ -103,42 +102,17 @@ def test_the_claims_go_green_and_red(curves: Any, verdicts: list[Verdict]) -> No
     assert [finding.verdict for finding in judge(found_of(*curves))] == verdicts
 
 
-# One bar of four cells at nu = 0.3: x = 1.5, k = (2 + 1.4 + 1.5) / 16, and smoothed
-# 0.5 / 64 + 1.4 * 1.5 / 29.5 / 16.
-RULES = [expected_error(4, 1, 0.3, element) for element in Element]
-SOUND = Thin(0.3, 4, 1, 0.9 * RULES[0], 0.7 * RULES[1], *RULES)
-
-
-@pytest.mark.parametrize(
-    ("changes", "failed"),
-    [
-        ({}, None),
-        ({"linear": 1.3 * RULES[0]}, 0),
-        ({"linear": 0.7 * RULES[0]}, 0),
-        ({"smoothed": 2.0 * RULES[1]}, 1),
-        ({"smoothed": 0.2 * RULES[1]}, 1),
-    ],
-)
-def test_the_rule_for_thin_bodies_goes_red(changes: dict[str, float], failed: int | None) -> None:
-    k, smooth = 4.9 / 16, 0.5 / 64 + 1.4 * 1.5 / 29.5 / 16
-    assert pytest.approx([k / (1 + k), smooth / (1 + smooth)]) == RULES
-    verdicts = [f.verdict for f in judge_thin([SOUND, SOUND._replace(**changes)])]
-    assert verdicts == [Verdict.FAILED if k == failed else Verdict.PASSED for k in range(2)]
-
-
-def test_the_page_has_every_run_and_the_rule() -> None:
-    page = present(found_of(SLOW, FAST, RIVAL, thin=(SOUND,)))
+def test_the_page_has_every_run() -> None:
+    page = present(found_of(SLOW, FAST, RIVAL))
     svg = page.figures["bar"].svg
     for word in (LINEAR, SMOOTHED, "Rival 1, neo-Hookean", "Poisson's ratio 0.49"):
         assert word in svg
-    assert "smoothed, rule" in page.figures["thin"].svg
     assert page.remarks == ["Left out: other: not here"]
     assert [row[-1] for row in page.tables["bar"].texts] == [
         "-", "1.00", "1.00", "-", "2.00", "2.00", "-", "2.00", "2.00"
     ]  # fmt: skip
     # Linear ones never come to 10 %, smoothed ones at once.
     assert [row[2] for row in page.tables["times"].texts] == ["-", "0.1", "0.01"]
-    assert page.tables["thin"].texts[0][:3] == ["0.3", "4", "1"]
 
 
 @pytest.mark.dolfinx
@@ -159,9 +133,8 @@ def test_tiny_bars_are_followed_and_a_perturbed_element_is_seen(
 
         sizes = {Element.LINEAR: (2, 4), Element.SMOOTHED: (2, 4)}
         return follow_bars(
-            in_silence, ratios=(0.49,), divisions=sizes, truth_divisions=4, through=(2,),
-            solve=solve,
-        )  # fmt: skip
+            in_silence, ratios=(0.49,), divisions=sizes, truth_divisions=4, solve=solve
+        )
 
     found = follow(1.0)
     assert found.left_out == [
@@ -171,21 +144,48 @@ def test_tiny_bars_are_followed_and_a_perturbed_element_is_seen(
     assert 0.0 < found.truth_changes[0.49] < 0.03
     assert judge(found)[0].verdict is Verdict.PASSED
     assert judge(follow(0.8))[0].verdict is Verdict.FAILED
-    # The same solves, whichever table they are for.
-    assert found.thin[0].smoothed == pytest.approx(found.of(0.49, SMOOTHED)[0].error)
+
+
+# ------------------------------- the rule of `palpate check` for few cells through the thickness
+def test_the_rule_is_as_written() -> None:
+    # Four cells at nu = 0.3: x = 1.5, k = (2 + 1.4 + 1.5) / 16, and smoothed 0.5 / 64 + 1.4 * 1.5 /
+    # 29.5 / 16.
+    k, smooth = 4.9 / 16, 0.5 / 64 + 1.4 * 1.5 / 29.5 / 16
+    rules = [expected_error(4, 1, 0.3, element) for element in Element]
+    assert rules == pytest.approx([k / (1 + k), smooth / (1 + smooth)])
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
-def test_thin_bars_miss_what_the_rule_says() -> None:
-    truth = solve_truth(make_bar(4, 0.3), in_silence)
-    found = elements.follow_thin(truth, 0.3, (1, 2))
-    assert {finding.verdict for finding in judge_thin(found)} == {Verdict.PASSED}
+@pytest.mark.parametrize(
+    ("nu", "truth_divisions", "through"),
+    [
+        pytest.param(0.3, 4, (1, 2), marks=pytest.mark.once),
+        *(pytest.param(nu, 8, (1, 2, 3, 4, 8), marks=pytest.mark.nightly) for nu in RATIOS),
+    ],
+)
+def test_thin_bars_miss_what_the_rule_says(
+    nu: float, truth_divisions: int, through: tuple[int, ...]
+) -> None:
+    # A rule to choose a mesh by. Of linear tetrahedra it is to be right but for a fifth; of
+    # smoothed ones, which are soon good, it may say three times too much, and half as much again
+    # too little, where one of both is above the 1 % that nobody asks for.
+    truth = solve_truth(make_bar(truth_divisions, nu), in_silence)
+    missed = {}
+    for a, n in product((1, 2, 4), through):
+        if 4 * n % a == 0:
+            problem = make_bar(n, nu, slenderness=a)
+            errors = [
+                truth.error_of(problem.mesh, solve_static(problem, element=element).displacement)
+                for element in Element
+            ]
+            rules = [expected_error(n, a, nu, element) for element in Element]
+            assert errors[0] == pytest.approx(rules[0], rel=0.2)
+            if max(errors[1], rules[1]) >= 0.01:
+                assert 1.0 / 3.0 <= errors[1] / rules[1] <= 1.5
+            missed[n, a] = errors
     # Cells four times as long as high are worse than half as many that are not.
-    by = {(one.num_cells, one.slenderness): one for one in found}
-    assert set(by) == {(1, 1), (2, 1), (1, 2), (2, 2), (1, 4), (2, 4)}
-    assert by[2, 4].linear > by[1, 1].linear
-    assert by[2, 4].smoothed > by[1, 1].smoothed > 5.0 * by[2, 1].smoothed
+    assert missed[2, 4][0] > missed[1, 1][0]
+    assert missed[2, 4][1] > missed[1, 1][1] > 5.0 * missed[2, 1][1]
 
 
 # ------------------------------------------------------------------ what smoothing does to a mesh

@@ -195,7 +195,7 @@ def studies() -> str:
     ]
     for name, line in STUDIES.items():
         parts += [f"## `{name}`\n", f"{line[0].upper()}{line[1:]}.\n"]
-        about = (load_study(name).about or "").strip().split("\n\n")[1:]
+        about = (load_study(name).__doc__ or "").strip().split("\n\n")[1:]
         parts += [_plain(" ".join(paragraph.split())) + "\n" for paragraph in about]
     return "\n".join(parts)
 
