@@ -19,10 +19,7 @@ Mask = NDArray[np.bool_]
 
 
 def checked_points(points: Any) -> Points:
-    """Return points as a read-only C-ordered float64 array.
-
-    Args:
-        points: Coordinates [m], shape (num_points, 3).
+    """Points [m] as a read-only C-ordered float64 array, shape (num_points, 3).
 
     Raises:
         ShapeError: Not a table of three real columns.
@@ -40,16 +37,10 @@ def checked_points(points: Any) -> Points:
 
 
 def checked_indices(indices: Any, width: int, num_points: int, what: str) -> Indices:
-    """Return index rows as a read-only C-ordered int32 array, each entry a point that exists.
-
-    Args:
-        indices: Whole numbers, shape (num_rows, width), or (num_rows,) when width is 1.
-        width: Points per row.
-        num_points: Number of points.
-        what: The noun for messages ("cells", "facets", "points").
+    """Index rows as a read-only C-ordered int32 array, shape (num_rows, width), (num_rows,) for 1.
 
     Raises:
-        ShapeError: Wrong shape, or not whole numbers.
+        ShapeError: Wrong shape, or not whole numbers; `what` is the noun for the message ("cells").
         IndexRangeError: An index below 0 or not below num_points.
     """
     array = np.asarray(indices)

@@ -21,10 +21,6 @@ from palpate.meshes.errors import DisagreeingSupportsError, FacetNotOnBoundaryEr
 from palpate.meshes.tet_mesh import TetMesh
 
 
-def _no_facets() -> Indices:
-    return np.zeros((0, 3), dtype=np.int32)
-
-
 @dataclass(frozen=True)
 class Rotation:
     """A rotation about an axis through a point.
@@ -79,7 +75,7 @@ class Support:
     """
 
     points: Indices
-    facets: Indices = field(default_factory=_no_facets)
+    facets: Indices = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int32))
     components: tuple[bool, bool, bool] = (True, True, True)
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
     amplitude: TabularAmplitude | None = None
@@ -240,15 +236,10 @@ _ONE_DIRECTION = 1e-8
 
 
 def require_boundary_facets(mesh: TetMesh, facets: Indices, what: str) -> None:
-    """Refuse facets inside the body, and facets given twice.
-
-    Args:
-        mesh: The body.
-        facets: Rows of points of the mesh, shape (n, 3), in any order of corners.
-        what: Name for the message, such as "load 2".
+    """Refuse facets inside the body, and facets given twice, whatever the order of their corners.
 
     Raises:
-        FacetNotOnBoundaryError: With the guilty rows.
+        FacetNotOnBoundaryError: With the guilty rows; `what` names the facets, such as "load 2".
     """
     if not len(facets):
         return
@@ -266,13 +257,8 @@ def require_boundary_facets(mesh: TetMesh, facets: Indices, what: str) -> None:
 def require_agreement(mesh: TetMesh, supports: Sequence[Support], end_time: float | None) -> None:
     """Refuse supports that prescribe different displacements of a point along one direction.
 
-    Checked under the full load, and at half of it where a support rotates; in a motion at every
-    knot of the supports' amplitudes and half-way between.
-
-    Args:
-        mesh: At rest [m].
-        supports: All of them.
-        end_time: End of a motion [s]; None in statics.
+    Checked under the full load, and at half of it where a support rotates; in a motion, which ends
+    at `end_time` [s], at every knot of the supports' amplitudes and half-way between.
 
     Raises:
         DisagreeingSupportsError: With the points and both supports.
@@ -323,22 +309,15 @@ def _disagreement(
                 there = wanted @ weights
                 other = owners[int(np.abs(weights).argmax())]
                 for row in np.flatnonzero(np.abs(there - here) > tolerance).tolist():
-                    name, by_point = found.setdefault(
-                        ((other + 1, number + 1), axis), (_name(direction), {})
-                    )
+                    along = "(" + ", ".join(f"{d:.4g}" for d in direction) + ")"
+                    name = "xyz"[int(direction.argmax())] if 1.0 in direction else along
+                    _, by_point = found.setdefault(((other + 1, number + 1), axis), (name, {}))
                     by_point[int(points[rows[row]])] = float(there[row]), float(here[row])
     if not found:
         return None
     (pair, _), (name, by_point) = min(found.items())
     guilty = sorted(by_point)
     return guilty, pair, name, by_point[guilty[0]]
-
-
-def _name(direction: Floats) -> str:
-    for axis in range(3):
-        if direction[axis] == 1.0:
-            return "xyz"[axis]
-    return "(" + ", ".join(f"{d:.4g}" for d in direction) + ")"
 
 
 def placed(support: Support, points: Points, factor: float) -> Points:

@@ -19,12 +19,9 @@ def brick_box(
     *,
     ragged: float = 0.0,
 ) -> TetMesh:
-    """A box of bricks, six tetrahedra each.
+    """A box of bricks of edge lengths [m] along x, y, z, six tetrahedra each.
 
-    Args:
-        divisions: Bricks along x, y, z.
-        size: Edge lengths [m].
-        ragged: How far interior points are moved, in brick sizes, 0 to 0.3; the same on every call.
+    `ragged` moves interior points by up to so many brick sizes, 0 to 0.3, the same on every call.
     """
     axes = [np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

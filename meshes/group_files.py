@@ -107,10 +107,7 @@ def without_lower_points(data: Any, cells: _Rows, groups: Groups) -> tuple[Point
 def with_groups(mesh: Any, body: TetMesh, *, suffix: str) -> Any:
     """A mesh for meshio with triangles and vertices for groups; an item in two groups twice.
 
-    Args:
-        mesh: The body's tetrahedra for meshio.
-        body: The mesh whose groups are written.
-        suffix: Suffix of the file: .msh has physical groups, others fields.
+    MSH has physical groups, files of other suffixes have fields.
 
     Raises:
         InputError: Two groups of one name, which readers do not distinguish, or in MSH a cell in

@@ -292,12 +292,8 @@ def on_other_mesh(
 ) -> Problem:
     """The same problem on another mesh of its body.
 
-    Args:
-        problem: On the mesh before.
-        mesh: The other mesh.
-        facets: From facets of the mesh before, (n, 3), to those of the same area on the other.
-        cells: From cells of the mesh before to those of the same volume on the other.
-        points: From points of the mesh before to those on the other; None where they stay.
+    `facets`, `cells` and `points` carry those of the mesh before to those of the same area, volume
+    or position on the other; points stay where that is None.
     """
     parts: dict[str, Any] = {
         kind: tuple(

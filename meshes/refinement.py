@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, on_other_mesh
-from palpate.meshes.tet_mesh import EDGES, TetMesh
+from palpate.meshes.tet_mesh import EDGES, TetMesh, signed_volumes
 
 # The octahedron left inside is cut along one of three diagonals, given as the midpoints of
 # opposite edges; around it the four other midpoints in turn.
@@ -51,8 +51,7 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
         for k in range(4):
             inner[rows, k] = m[rows][:, [a, b, around[k], around[(k + 1) % 4]]]
     cells = np.vstack([*children, inner.reshape(-1, 4)])
-    edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    mirrored = np.einsum("ij,ij->i", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2]) < 0.0
+    mirrored = signed_volumes(points, cells) < 0.0
     cells[mirrored] = cells[mirrored][:, [0, 2, 1, 3]]
     return TetMesh(
         points,
@@ -63,7 +62,7 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
 
 
 def refine_problem(problem: Problem) -> Problem:
-    """The same problem on the uniformly refined mesh, with all its parts carried over.
+    """The same problem on the uniformly refined mesh, eight cells for each, of the same volume.
 
     Point forces stay on their points. Facet loads cover the same area, tools may touch the same
     facets, inclusions fill the same cells.
@@ -72,7 +71,7 @@ def refine_problem(problem: Problem) -> Problem:
         problem: On any mesh.
 
     Returns:
-        The problem on eight cells for each; its mesh has the same volume.
+        The problem with all its parts carried over.
     """
     midpoints = _EdgeMidpoints(problem.mesh)
     # In the order of the cells of `refine_uniformly`: four corners, then four inside.
@@ -92,28 +91,16 @@ def _cells_within(given_cell: Integers | Indices, chosen: Indices) -> Indices:
 
 
 def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A field that is linear in each cell of a mesh, at the points of `refine_uniformly`.
-
-    Args:
-        mesh: The mesh that is refined.
-        values: Shape (num_points, ...).
-
-    Returns:
-        Shape (num_points of the refined mesh, ...), the given ones first.
-    """
+    """A field linear in each cell, (num_points, ...), at the points of `refine_uniformly`."""
     first, second = _EdgeMidpoints(mesh).ends.T
     finer: NDArray[np.float64] = np.concatenate([values, 0.5 * (values[first] + values[second])])
     return finer
 
 
 def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over the cells of a mesh from the means over the cells of its refinement.
+    """Means over a mesh's cells, (num_cells, ...), from those over its refinement's, 8 for each.
 
-    Args:
-        values: (8 num_cells, ...), in the order of the cells of `refine_uniformly`.
-
-    Returns:
-        (num_cells, ...): the plain mean, since the eight parts of a cell have the same volume.
+    The plain mean of eight in the order of `refine_uniformly`, since they have the same volume.
     """
     half, rest = len(values) // 2, values.shape[1:]
     corners = values[:half].reshape(4, -1, *rest).mean(axis=0)
@@ -123,12 +110,7 @@ def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class _Midpoints:
-    """Numbers the midpoints of some edges of a mesh after the mesh's own points.
-
-    Args:
-        mesh: The mesh.
-        keys: The edges, ascending, by the number that `_edge_keys` gives them.
-    """
+    """Numbers the midpoints of edges of a mesh, by ascending `_edge_keys`, after its points."""
 
     def __init__(self, mesh: TetMesh, keys: Integers) -> None:
         self.num_given = mesh.num_points
@@ -184,11 +166,9 @@ _FACET_PAIRS = np.array([[0, 1], [0, 2], [1, 2]])
 
 @dataclass(frozen=True, eq=False)
 class LocallyRefined:
-    """A problem on a locally refined mesh.
+    """A problem on a locally refined mesh, whose first points are the old ones in their order.
 
-    Attributes:
-        problem: The problem on the new mesh, whose first points are the old ones in their order.
-        given_cell: The old cell in which each new one lies, shape (num_cells,).
+    `given_cell` is the old cell in which each new one lies, shape (num_cells,).
     """
 
     problem: Problem
@@ -196,17 +176,10 @@ class LocallyRefined:
 
 
 def refine_cells(problem: Problem, marked: Mask) -> LocallyRefined:
-    """Halve the edges of the marked cells, and cut others until no point hangs.
+    """Halve the edges of the marked cells, shape (num_cells,), and cut until no point hangs.
 
     Supports, loads and tools keep their facets' area, inclusions their volume, forces on points
     their points.
-
-    Args:
-        problem: On any mesh.
-        marked: Whether each cell is cut, shape (num_cells,) of bool.
-
-    Returns:
-        The same problem on the finer mesh of the same body.
 
     Raises:
         InputError: Marks of the wrong shape or type.

@@ -149,14 +149,11 @@ def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSu
 
 
 def stitch_rings(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> list[list[int]]:
-    """Triangulate the band between two closed rings that start at the same angle.
+    """Triangulate the band between two closed rings of points that start at the same angle.
 
     Both rings are evenly spaced and run counter-clockwise seen from above; the facets face
-    outwards of the band. Both rings are followed at once, each time closing the shorter diagonal.
-
-    Args:
-        lower: Point indices of the lower ring, at least 1 (1 makes a fan).
-        upper: Point indices of the upper ring, at least 1.
+    outwards of the band. A ring of one point makes a fan. Both rings are followed at once, each
+    time closing the shorter diagonal.
     """
     low, up = len(lower), len(upper)
     facets: list[list[int]] = []
@@ -332,11 +329,7 @@ def shape_tube(
 
 
 class _Numbering:
-    """Numbers points in the order in which they are first asked for, each once.
-
-    Args:
-        position: From what names a point to its coordinates.
-    """
+    """Numbers points in the order in which they are first named, each once, found by `position`."""
 
     def __init__(self, position: Callable[..., Points | list[float]]) -> None:
         self._position = position

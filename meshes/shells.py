@@ -45,11 +45,7 @@ def find_shells(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell
 
     Whether a shell lies in another is read from the other's winding number about one of its
     points (Van Oosterom, Strackee 1983): a whole number for shells that do not touch or cross,
-    which is not checked here.
-
-    Args:
-        surface: Closed and consistently oriented; see `surface_checks`.
-        uses: The table of its edges, if known.
+    which is not checked here. `uses` is the table of the surface's edges, if known.
     """
     part = facet_parts(surface.facets, uses)
     members = [np.flatnonzero(part == k) for k in range(int(part.max(initial=-1)) + 1)]
@@ -78,11 +74,7 @@ def find_shells(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell
 
 
 def require_nested(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell]:
-    """Refuse shells that face the wrong way: outer walls face out, cavities face the hollow.
-
-    Args:
-        surface: Closed and consistently oriented within each shell.
-        uses: The table of its edges, if known.
+    """The shells; refused where one faces the wrong way: outer walls out, cavities to the hollow.
 
     Raises:
         OrientationError: A shell's facets face the wrong way for where it lies.
@@ -114,13 +106,7 @@ def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
     """Reverse each outer wall whose facets point inwards, with all the shells within it.
 
     No point moves, and which side is solid is unambiguous; `require_nested` checks whether the
-    shells within then face the right way.
-
-    Args:
-        surface: Closed and consistently oriented within each shell.
-
-    Returns:
-        The surface, and how many facets were reversed.
+    shells within then face the right way. Returns the surface, and how many facets were reversed.
     """
     shells = find_shells(surface)
     turned = np.zeros(surface.num_facets, dtype=bool)
@@ -132,14 +118,9 @@ def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
 
 
 def winding_numbers(surface: TriSurface, positions: Points) -> Floats:
-    """How often an oriented surface winds around given points: its solid angle / 4 pi.
+    """How often an oriented surface winds around positions [m] off it: its solid angle / 4 pi.
 
-    Args:
-        surface: Its closed parts give whole numbers; +1 inside an outward shell.
-        positions: [m], shape (num_places, 3), not on the surface.
-
-    Returns:
-        Shape (num_places,).
+    Closed parts give whole numbers, +1 inside an outward shell; shape (num_places,).
     """
     winding = np.zeros(len(positions))
     step = max(1, _BLOCK // max(1, len(positions)))

@@ -177,18 +177,10 @@ class Spring:
 
 
 def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: float) -> Indices:
-    """The connected boundary facets within a distance of a point.
+    """The connected boundary facets within a radius [m] of a point [m], shape (m, 3), m >= 1.
 
     Connected to the nearest facet over common points: the other side of a thin wall is not among
     them.
-
-    Args:
-        mesh: The mesh at rest.
-        center: [m], shape (3,).
-        radius: [m], > 0.
-
-    Returns:
-        Facets, shape (m, 3), m >= 1.
 
     Raises:
         InputError: No facet lies within the radius, or no point of those that do.

@@ -74,15 +74,11 @@ def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subpro
 def run_supervised(
     command: Sequence[str | Path], *, time_limit: float, **options: Any
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end and return its output as text.
-
-    Args:
-        command: Program and arguments.
-        time_limit: Time [s] after which the program and whatever it started are ended.
-        options: Options of subprocess.Popen: env, cwd.
+    """Run a program to its end and return its output as text; options are those of `supervised`.
 
     Raises:
-        subprocess.TimeoutExpired: No end within the time limit.
+        subprocess.TimeoutExpired: No end within the time limit [s]; it and whatever it started
+            have been ended.
         OSError: The program cannot be started.
     """
     streams: dict[str, Any] = {

@@ -65,7 +65,14 @@ def require_closed(surface: TriSurface) -> list[Shell]:
 
 def _shells_of(surface: TriSurface) -> list[Shell]:
     facets = surface.facets
-    _refuse_degenerate(surface)
+    # Flat: twice the area at most 4 eps times the longest edge squared.
+    corners = surface.points[facets]
+    edges = corners[:, [1, 2, 0]] - corners
+    longest_squared = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
+    double_area = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
+    flat = double_area <= 4.0 * np.finfo(float).eps * longest_squared
+    if flat.any():
+        raise DegenerateFacetError(np.flatnonzero(flat).tolist())
     _refuse_duplicates(facets)
     table = edge_uses(facets)
     _check_edges(surface, table)
@@ -88,17 +95,6 @@ def _refuse_duplicates(facets: Indices) -> None:
     _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
     if np.any(counts > 1):
         raise DuplicateFacetError(np.setdiff1d(np.arange(len(facets)), first[counts == 1]).tolist())
-
-
-def _refuse_degenerate(surface: TriSurface) -> None:
-    """Refuse flat facets: twice the area at most 4 eps times the longest edge squared."""
-    corners = surface.points[surface.facets]
-    edges = corners[:, [1, 2, 0]] - corners
-    longest_squared = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
-    double_area = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
-    flat = double_area <= 4.0 * np.finfo(float).eps * longest_squared
-    if flat.any():
-        raise DegenerateFacetError(np.flatnonzero(flat).tolist())
 
 
 def _fins(surface: TriSurface, table: EdgeUses) -> tuple[Mask, int]:
@@ -171,14 +167,9 @@ _MOST_IN_REACH = 1000
 
 
 def find_near_duplicates(points: Points, distance: float | None = None) -> Integers:
-    """Pairs of points within a distance of each other, equal ones included.
+    """Pairs of points [m] within a distance of each other, equal ones included, ascending, (n, 2).
 
-    Args:
-        points: [m], shape (num_points, 3).
-        distance: [m], >= 0; None takes `NEAR` of the longest side of the bounding box.
-
-    Returns:
-        Pairs, ascending, shape (num_pairs, 2).
+    The distance [m] is 0 or more; None takes `NEAR` of the longest side of the bounding box.
 
     Raises:
         InputError: The distance is not a number >= 0, or so large that a thousand points lie in it.

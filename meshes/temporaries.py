@@ -28,6 +28,8 @@ _HALF_WRITTEN = re.compile(r"\..+\.palpate-(?P<process>\d+)-[0-9a-f]{8}\.tmp(\.\
 # Names of texts that an internal error left for people to read; removed after this time [s].
 _ERROR_TEXT = re.compile(r"palpate-error-\w+\.txt")
 _ERROR_TEXT_AGE = 7 * 86400.0
+# Temporaries that this process has at the moment.
+_in_use: set[Path] = set()
 
 
 def own_mark() -> str:
@@ -39,20 +41,31 @@ def own_mark() -> str:
 def locked(path: Path) -> Iterator[None]:
     """Lock a temporary for as long as it is in use; does nothing where there are no locks."""
     handle = _lock(path)
+    _in_use.add(path)
     try:
         yield
     finally:
+        _in_use.discard(path)
         if handle is not None:
             os.close(handle)
+
+
+def keep(path: Path) -> None:
+    """Let `discard_in_use` leave a temporary: what it holds may be more than palpate's."""
+    _in_use.discard(path)
+
+
+def discard_in_use() -> None:
+    """Remove what this process has in use, before it ends without tidying up; never fails."""
+    for path in list(_in_use):
+        with contextlib.suppress(OSError):
+            _remove_tree(path) if path.is_dir() else path.unlink()
 
 
 def sweep(folder: Path, pattern: re.Pattern[str], remove: Callable[[Path], None]) -> None:
     """Remove what dead processes of this user left in a folder; failures are ignored.
 
-    Args:
-        folder: The folder to look in.
-        pattern: Pattern of the whole name, with the process's number as the group `process`.
-        remove: Removes one of them.
+    `pattern` is that of the whole name, with the process's number as the group `process`.
     """
     with contextlib.suppress(OSError):
         for entry in list(os.scandir(folder)):
@@ -74,8 +87,7 @@ def sweep(folder: Path, pattern: re.Pattern[str], remove: Callable[[Path], None]
 def scratch_folder(purpose: str) -> Iterator[Path]:
     """Yield an empty folder that is removed afterwards; removes those of killed runs first.
 
-    Args:
-        purpose: Part of the name: small letters and hyphens.
+    `purpose` is a part of the name: small letters and hyphens.
     """
     parent = Path(tempfile.gettempdir())
     sweep_scratch(parent)

@@ -11,13 +11,9 @@ from palpate.meshes.arrays import Floats, Indices, Integers, Points
 
 
 def facet_normals(corners: Points) -> Points:
-    """Normals (x1 - x0) x (x2 - x0) of triangles, twice their area long [m2].
+    """Normals (x1 - x0) x (x2 - x0) of triangles, twice their area long [m2], (..., 3).
 
-    Args:
-        corners: [m], shape (..., 3, 3): the corners of each, then their coordinates.
-
-    Returns:
-        Shape (..., 3), outward where the corners run counter-clockwise seen from outside.
+    Of corners [m], shape (..., 3, 3); outward where they run counter-clockwise seen from outside.
     """
     start = corners[..., 0, :]
     normals: Points = np.cross(corners[..., 1, :] - start, corners[..., 2, :] - start)
@@ -41,6 +37,14 @@ def normals_at_points(points: Points, facets: Indices) -> Points:
     total = np.zeros_like(points)
     np.add.at(total, facets, facet_normals(points[facets])[:, None, :])
     return total
+
+
+def unit_normals_at_points(points: Points, facets: Indices) -> Points:
+    """`normals_at_points` of length 1, or 0 where they cancel [-], shape (num_points, 3)."""
+    total = normals_at_points(points, facets)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    units: Points = total / np.where(size > 0.0, size, 1.0)
+    return units
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +107,9 @@ def edge_uses(facets: Indices) -> EdgeUses:
 
 
 def connected_parts(num_items: int, pairs: Integers) -> Integers:
-    """Number the connected parts of a graph.
+    """Part of each item of a graph, 0, 1, ... in the order of their first items.
 
-    Args:
-        num_items: Number of items.
-        pairs: Connected items, shape (num_pairs, 2).
-
-    Returns:
-        Part of each item, 0, 1, ... in the order of their first items.
+    `pairs` are connected items, shape (num_pairs, 2).
     """
     # Hook the larger root below the smaller one, then shorten all paths (Shiloach, Vishkin 1982).
     parent = np.arange(num_items)
@@ -130,12 +129,7 @@ def connected_parts(num_items: int, pairs: Integers) -> Integers:
 
 
 def facet_parts(facets: Indices, uses: EdgeUses | None = None) -> Integers:
-    """Part of each facet, where facets with a common edge belong together.
-
-    Args:
-        facets: Shape (num_facets, 3).
-        uses: Their table of edges, if known.
-    """
+    """Part of each facet, where those with a common edge belong together; `uses` is their table."""
     uses = edge_uses(facets) if uses is None else uses
     return connected_parts(len(facets), uses.neighbours)
 
@@ -148,9 +142,7 @@ def parts_by_plain_edges(uses: EdgeUses) -> Integers:
 def points_with_several_fans(facets: Indices, uses: EdgeUses | None = None) -> Integers:
     """Points at which sheets touch: their facets form more than one closed fan.
 
-    Args:
-        facets: Closed, edge-manifold and consistently oriented, shape (num_facets, 3).
-        uses: Their table of edges, if known.
+    Facets are closed, edge-manifold and consistently oriented; `uses` is their table of edges.
     """
     uses = edge_uses(facets) if uses is None else uses
     # The two uses of an edge, as rows of `directed`.

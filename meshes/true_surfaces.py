@@ -15,7 +15,7 @@ from palpate.meshes.arrays import Floats, Indices, Mask, Points
 from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import EDGES, TetMesh
-from palpate.meshes.triangles import facet_normals, normals_at_points
+from palpate.meshes.triangles import facet_normals, unit_normals_at_points
 
 Projection = Callable[[Points], Points]
 # A facet lies in a plane x, y or z = 0 within this fraction of the size of the body.
@@ -35,11 +35,9 @@ class CurvedPart:
 
 
 def spherical_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
-    """Spherical parts about the origin; facets in a plane x, y or z = 0 are flat.
+    """Parts on spheres of given radii [m] about the origin; facets in x, y or z = 0 are flat.
 
-    Args:
-        mesh: A sphere, a thick sphere, or an eighth of it.
-        radii: Radii of its spheres [m]; each facet belongs to the nearest.
+    Each curved facet belongs to the nearest radius.
     """
     corners = mesh.points[mesh.boundary_facets]
     size = float(np.ptp(mesh.points, axis=0).max())
@@ -53,11 +51,9 @@ def spherical_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
 
 
 def upright_parts(mesh: TetMesh, radii: Sequence[float]) -> list[CurvedPart]:
-    """Cylindrical parts about the z axis; caps are flat.
+    """Parts on cylinders of given radii [m] about the z axis; caps are flat.
 
-    Args:
-        mesh: A cylinder or a tube.
-        radii: Radii of its mantles [m]; each facet belongs to the nearest.
+    Each facet of a mantle belongs to the nearest radius.
     """
     corners = mesh.points[mesh.boundary_facets]
     normals = facet_normals(corners)
@@ -91,14 +87,9 @@ def _nearest(
 
 
 def refine_along(mesh: TetMesh, parts: Sequence[CurvedPart]) -> TetMesh:
-    """Cut each cell into eight, and put the points of the curved parts on the true surface.
+    """Cut each cell into eight as `refine_uniformly`, curved parts' points on the true surface.
 
-    Args:
-        mesh: Its points come first, and do not move if they are on the true surface.
-        parts: Its curved parts.
-
-    Returns:
-        A mesh with the points and cells of `refine_uniformly`, the boundary's points moved.
+    The mesh's own points come first, and do not move if they are on the true surface.
 
     Raises:
         InputError: A cell would be turned inside out: the mesh is too coarse for its surface.
@@ -118,30 +109,19 @@ def refine_along(mesh: TetMesh, parts: Sequence[CurvedPart]) -> TetMesh:
 
 
 def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
-    """Move each point of the boundary along the mean of its facets' normals.
-
-    Args:
-        mesh: Any.
-        distance: Outward distance [m]; below 0 inwards.
+    """Move each boundary point by a distance [m], > 0 outwards, along its facets' mean normal.
 
     Raises:
         InputError: A cell would be turned inside out.
     """
-    facets = mesh.boundary_facets
-    normals = normals_at_points(mesh.points, facets)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    moved = mesh.points + distance * normals / np.where(lengths > 0.0, lengths, 1.0)
+    moved = mesh.points + distance * unit_normals_at_points(mesh.points, mesh.boundary_facets)
     return _moved(mesh, moved, dict(mesh.facet_groups), np.ones(mesh.num_points, dtype=np.bool_))
 
 
 def _moved(mesh: TetMesh, points: Points, groups: dict[str, Indices], is_placed: Mask) -> TetMesh:
-    """A mesh with moved points; the others follow only where cells would invert.
+    """A mesh with its points at wanted positions [m]; others follow only where cells would invert.
 
-    Args:
-        mesh: The mesh before.
-        points: Wanted positions [m], shape (num_points, 3).
-        groups: Groups of facets of the new mesh.
-        is_placed: Whether a boundary point has its final position, shape (num_points,).
+    `is_placed` is whether a boundary point has its final position, shape (num_points,).
     """
     try:
         return TetMesh(points, mesh.cells, groups, mesh.point_groups)

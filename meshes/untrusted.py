@@ -62,11 +62,7 @@ class UntrustedTextError(InputError):
 
 
 def parse_json(text: str, *, allow_nan: bool = False) -> Any:
-    """The value of a JSON text.
-
-    Args:
-        text: The text.
-        allow_nan: Whether NaN and Infinity are allowed, which Python writes.
+    """The value of a JSON text; with `allow_nan` also NaN and Infinity, which Python writes.
 
     Raises:
         UntrustedTextError: Not JSON, nested too deep, or a number beyond the range of a float.
@@ -191,12 +187,7 @@ def is_a_float(value: float) -> bool:
 def read_npz(
     path: str | Path, *, most_bytes: int = MOST_BYTES, names: Collection[str] | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of an .npz file by name.
-
-    Args:
-        path: The file.
-        most_bytes: Most memory of its arrays when unpacked, all together.
-        names: Which arrays to read; None reads all.
+    """Arrays of an .npz file by name, all or those of `names`.
 
     Raises:
         FileFormatError: Missing, damaged, or larger than `most_bytes` when unpacked.

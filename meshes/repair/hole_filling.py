@@ -17,11 +17,8 @@ from palpate.meshes.triangles import edge_uses, facet_areas, facet_normals
 def find_hole_loops(facets: Indices) -> list[list[int]]:
     """Loops of edges that have one facet only, in the direction of the facets that would fill them.
 
-    Loops that touch at a point are separated: a loop ends where it comes back to one of its own
-    points.
-
-    Args:
-        facets: Consistently oriented, shape (num_facets, 3).
+    Facets are consistently oriented. Loops that touch at a point are separated: a loop ends where
+    it comes back to one of its own points.
     """
     uses = edge_uses(facets)
     open_edges = uses.directed[uses.crowd == 1]
@@ -49,19 +46,12 @@ def find_hole_loops(facets: Indices) -> list[list[int]]:
 
 
 def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> Indices | None:
-    """Triangulate a closed loop of points with the least area.
+    """Triangulate a closed loop of points with the least area, shape (len(loop) - 2, 3).
 
-    Dynamic programming over the loop's chords (Barequet, Sharir 1995): O(n^3) time.
-
-    Args:
-        points: [m], shape (num_points, 3).
-        loop: Points in the order in which the facets run along it.
-        taken: Edges (smaller, larger point) of the surface: a chord must not be one of them,
-            since an edge has two facets.
-
-    Returns:
-        Facets, shape (len(loop) - 2, 3), or None where every triangulation needs such a chord or
-        a facet without area.
+    Dynamic programming over the loop's chords (Barequet, Sharir 1995): O(n^3) time. Facets run
+    along the loop. A chord must not be one of the `taken` edges (smaller, larger point) of the
+    surface, since an edge has two facets: None where every triangulation needs such a chord, or a
+    facet without area.
     """
     n = len(loop)
     position = points[loop]
@@ -117,16 +107,8 @@ def cap_loop(
 ) -> Iterator[tuple[Points, Indices]]:
     """Caps on a loop, the finest first: refined and smooth, refined, and of least area alone.
 
-    The caller checks which of them crosses nothing of the rest of the surface.
-
-    Args:
-        points: [m], shape (num_points, 3).
-        loop: Points in the order in which the facets run along it.
-        taken: Edges (smaller, larger point) of the surface, which a cap must not use within.
-
-    Yields:
-        New points [m], shape (num_new, 3), numbered from num_points on, and facets, shape
-        (num_facets, 3). Nothing where every triangulation has a taken edge or a flat facet.
+    Each is new points [m], numbered from len(points) on, and facets; for `loop` and `taken` see
+    `fill_loop`. The caller checks which of them crosses nothing of the rest of the surface.
     """
     coarse = fill_loop(points, loop, taken)
     if coarse is None:
@@ -135,7 +117,9 @@ def cap_loop(
     free = np.arange(len(points), len(fine))
     if len(free):
         faired = fair_points(fine, facets, free, order=1)
-        if not _has_turned(fine, faired, facets):
+        before, after = (facet_normals(x[facets]) for x in (fine, faired))
+        # Unless smoothing has turned a facet over, or made one flat.
+        if np.all(np.einsum("ij,ij->i", before, after) > 0.0):
             yield faired[len(points) :], facets
         yield fine[len(points) :], facets
     yield np.zeros((0, 3)), coarse
@@ -226,15 +210,6 @@ def _is_better(a: Points, b: Points, c: Points, d: Points) -> bool:
     return bool(np.cross(a - c, d - c) @ old > 0.0 and np.cross(b - d, c - d) @ old > 0.0)
 
 
-def _has_turned(before: Points, after: Points, facets: Indices) -> bool:
-    """Whether smoothing has turned a facet over, or made one flat."""
-
-    def normals(points: Points) -> Points:
-        return facet_normals(points[facets])
-
-    return bool(np.any(np.einsum("ij,ij->i", normals(before), normals(after)) <= 0.0))
-
-
 # Loops are paired only up to this number: bands are rare, and torn files have many loops.
 _MOST_PAIRED = 200
 # Loops are not paired where this fraction of the least width times half the length of their band
@@ -268,12 +243,9 @@ def close_holes(
 ) -> ClosedHoles:
     """Close holes: a band between two loops where it has less area than two caps, else caps.
 
-    Args:
-        points: [m].
-        facets: Consistently oriented.
-        largest_hole: Largest number of edges of a loop that is closed.
-        fits: Whether points and facets have no crossing at the marked facets; where no cap fits,
-            the one of least area is taken. None takes the first cap unchecked.
+    Loops of more than `largest_hole` edges stay. `fits` is whether points and facets have no
+    crossing at the marked facets; where no cap fits, the one of least area is taken. Without it
+    the first cap is.
     """
     loops = sorted(find_hole_loops(facets), key=len, reverse=True)
     made = ClosedHoles(points, facets)

@@ -73,16 +73,10 @@ _TOLERANCE = 1e-8
 
 
 def fair_points(points: Points, facets: Indices, free: Integers, *, order: int = 2) -> Points:
-    """Move the free points to where the surface bends least.
+    """All points [m], the free ones moved to where the surface bends least.
 
-    Args:
-        points: [m], shape (num_points, 3).
-        facets: The patch and at least two rings of facets around it, shape (num_facets, 3).
-        free: Points that may move.
-        order: 1 a membrane, 2 a thin plate.
-
-    Returns:
-        All points [m], shape (num_points, 3), the free ones moved.
+    `facets` are the patch and at least two rings around it; of order 1 it is a membrane, of 2 a
+    thin plate.
     """
     moved = points.copy()
     if not len(free):
@@ -121,34 +115,26 @@ def _least_squares(
     r: Integers, c: Integers, w: Floats, right: Points, size: int, start: Points
 ) -> Points:
     """Solution of min |A x - right|, A given by rows, columns and values."""
+    from scipy.sparse import csr_array
+
+    matrix = csr_array((w, (r, c)), shape=(len(right), size))
     if size <= _MOST_DENSE:
-        dense = np.zeros((len(right), size))
-        np.add.at(dense, (r, c), w)
-        solved: Points = np.linalg.lstsq(dense, right, rcond=None)[0]
+        solved: Points = np.linalg.lstsq(matrix.toarray(), right, rcond=None)[0]
         return solved
-
-    def apply(x: Points) -> Points:
-        return np.column_stack(
-            [np.bincount(r, w * x[c, k], minlength=len(right)) for k in range(3)]
-        )
-
-    def transposed(y: Points) -> Points:
-        return np.column_stack([np.bincount(c, w * y[r, k], minlength=size) for k in range(3)])
-
     # Conjugate gradients on the normal equations, the three coordinates at once.
-    x = start.copy()
-    residual = transposed(right - apply(x))
+    x, tiny = start.copy(), np.finfo(float).tiny
+    residual = matrix.T @ (right - matrix @ x)
     direction, squared = residual.copy(), np.einsum("ij,ij->j", residual, residual)
-    stop = _TOLERANCE**2 * np.maximum(squared, np.finfo(float).tiny)
+    stop = _TOLERANCE**2 * np.maximum(squared, tiny)
     for _ in range(_MOST_STEPS):
         if np.all(squared <= stop):
             break
-        image = apply(direction)
-        step = squared / np.maximum(np.einsum("ij,ij->j", image, image), np.finfo(float).tiny)
+        image = matrix @ direction
+        step = squared / np.maximum(np.einsum("ij,ij->j", image, image), tiny)
         x += step * direction
-        residual -= step * transposed(image)
+        residual -= step * (matrix.T @ image)
         new = np.einsum("ij,ij->j", residual, residual)
-        direction = residual + new / np.maximum(squared, np.finfo(float).tiny) * direction
+        direction = residual + new / np.maximum(squared, tiny) * direction
         squared = new
     return x
 

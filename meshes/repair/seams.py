@@ -20,15 +20,7 @@ _MOST_PASSES = 10
 
 
 def rim_pairs(points: Points, facets: Indices) -> Integers:
-    """Points on open edges that are so near to each other that they must be the same.
-
-    Args:
-        points: [m].
-        facets: Facets without a repeated point.
-
-    Returns:
-        Pairs, shape (num_pairs, 2).
-    """
+    """Pairs of points on open edges that are so near to each other that they must be the same."""
     uses = edge_uses(facets)
     rim = np.unique(uses.edges[uses.counts == 1])
     if not len(rim):
@@ -50,13 +42,8 @@ def cut_at_hanging_points(
 ) -> tuple[Indices, Integers, int]:
     """Cut facets whose open edge runs through points of other open edges.
 
-    Args:
-        points: [m].
-        facets: Facets without a repeated point.
-        near: How far such a point may be from the edge [m]; None takes 1e-6 of the box.
-
-    Returns:
-        Facets; the number of each before; and how many edges were cut.
+    Such a point is within `near` [m] of the edge; None takes 1e-6 of the box. Returns the facets,
+    the number of each before, and how many edges were cut.
     """
     reach = NEAR * float(np.ptp(points, axis=0).max()) if near is None else near
     kept, count = np.arange(len(facets)), 0
@@ -116,12 +103,8 @@ _FLAT = 1e-6
 def flip_flat_facets(points: Points, facets: Indices) -> tuple[Indices, int]:
     """Flip the longest edge of each flat facet unless its neighbour there is flat as well.
 
-    Args:
-        points: [m].
-        facets: Consistently oriented, at most two at an edge.
-
-    Returns:
-        Facets, as many as before, and how many edges were flipped.
+    Facets are consistently oriented, at most two at an edge. Returns as many, and how many edges
+    were flipped.
     """
     out = facets.copy()
     count = 0

@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Integers, Mask, Points
 from palpate.meshes.surface_checks import LARGEST_FIN
@@ -15,9 +14,9 @@ from palpate.meshes.triangles import (
     edge_uses,
     facet_normals,
     facet_parts,
-    normals_at_points,
     parts_by_plain_edges,
     side_lengths,
+    unit_normals_at_points,
 )
 
 # How far the copies of a point where sheets touched are moved, over the shortest edge there.
@@ -30,13 +29,8 @@ Fits = Callable[[Points, Indices, Mask], bool]
 def fins_of(points: Points, facets: Indices, is_wall: Mask) -> Mask:
     """Facets of sheets that bound no solid: free at one edge, joined at another, or inner walls.
 
-    Args:
-        points: [m].
-        facets: Each once, shape (num_facets, 3).
-        is_wall: Facets that were given twice, facing both ways: with a solid on either side.
-
-    Returns:
-        Whether each facet is part of a fin or wall, or of a loose part too small to close.
+    Facets of `is_wall` were given twice, facing both ways: with a solid on either side. Loose parts
+    too small to close count as well.
     """
     areas = np.linalg.norm(facet_normals(points[facets]), axis=1)
     is_fin = np.zeros(len(facets), dtype=bool)
@@ -68,16 +62,10 @@ def split_touching(
     """Give each of the bodies that touch along an edge or at a point its own points, and a gap.
 
     Around an edge facets belong together that bound the same wedge of the solid; around a point,
-    those that are joined by such edges.
-
-    Args:
-        points: [m].
-        facets: Consistently oriented within each part connected by edges with two facets.
-        fits: Whether points and facets have no crossing at the marked facets; None checks nothing.
-
-    Returns:
-        Points, with the copies appended; facets; how many points were split; and the largest
-        movement [m]. Nothing changes where the wedges cannot be determined.
+    those that are joined by such edges. Facets are consistently oriented within each part connected
+    by edges with two facets; of the two directions the one that `fits` is taken. Returns points,
+    with the copies appended; facets; how many points were split; and the largest movement [m].
+    Nothing changes where the wedges cannot be determined.
     """
     joined = _joined_corners(points, facets)
     if joined is None:
@@ -101,7 +89,12 @@ def split_touching(
     new = named.reshape(-1, 3).astype(np.int32)
     copies = np.concatenate([several, np.arange(len(points), len(position))])
     apart = np.array(position)
-    normals, edge = _normals_and_edges(apart, new, copies)
+    normals = unit_normals_at_points(apart, new)[copies]
+    shortest = np.full(len(apart), np.inf)
+    lengths = side_lengths(apart[new])
+    np.minimum.at(shortest, new, lengths)
+    np.minimum.at(shortest, new[:, [1, 2, 0]], lengths)
+    edge = shortest[copies]
     touched = np.isin(new, copies).any(axis=1)
     best = None
     for sign in (-1.0, 1.0):
@@ -166,19 +159,6 @@ def _wedges(
     return (ring if not is_forward[0] else np.roll(ring, -1)).reshape(-1, 2)
 
 
-def _normals_and_edges(
-    points: Points, facets: Indices, chosen: Integers
-) -> tuple[Points, NDArray[np.float64]]:
-    """Mean normals of points, and the shortest edge at each [m]."""
-    total = normals_at_points(points, facets)
-    shortest = np.full(len(points), np.inf)
-    lengths = side_lengths(points[facets])
-    np.minimum.at(shortest, facets, lengths)
-    np.minimum.at(shortest, facets[:, [1, 2, 0]], lengths)
-    size = np.linalg.norm(total[chosen], axis=1, keepdims=True)
-    return total[chosen] / np.where(size > 0.0, size, 1.0), shortest[chosen]
-
-
 # Two sheets on one rim coincide below this volume between them over area^(3/2), and below this
 # relative difference of their areas and moments.
 _FLAT = 1e-6
@@ -188,13 +168,6 @@ def double_walls(points: Points, facets: Indices) -> Mask:
     """Facets to remove of two coinciding sheets: both that face each other, one that face alike.
 
     Two bodies that touch along a whole face have it twice, cut into different facets.
-
-    Args:
-        points: [m].
-        facets: Each once, shape (num_facets, 3).
-
-    Returns:
-        Whether each facet is removed.
     """
     gone = np.zeros(len(facets), dtype=bool)
     uses = edge_uses(facets)
@@ -221,7 +194,8 @@ def double_walls(points: Points, facets: Indices) -> Mask:
     for owner, rim in rims.items():
         if owner not in closed:
             by_rim.setdefault(frozenset(rim), []).append(owner)
-    rows_of = _rows_by_patch(patch)
+    order = np.argsort(patch, kind="stable")
+    rows_of = np.split(order, np.cumsum(np.bincount(patch))[:-1])
     for key, owners in by_rim.items():
         left = list(owners)
         while len(left) > 1:
@@ -236,11 +210,6 @@ def double_walls(points: Points, facets: Indices) -> Mask:
                         left.remove(other)
                     break
     return gone
-
-
-def _rows_by_patch(patch: Integers) -> list[Integers]:
-    order = np.argsort(patch, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(patch))[:-1])
 
 
 def _is_flat(points: Points, one: Indices, other: Indices, faces: bool) -> bool:

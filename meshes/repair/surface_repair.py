@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Integers, Mask, Points
+from palpate.meshes.arrays import Indices, Integers, Mask
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.hole_filling import close_holes
 from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
@@ -123,8 +123,8 @@ def repair_surface(
         surface: Any surface.
         near: Points within this distance are merged [m]; None takes 1e-6 of the longest side of
             the bounding box. Along open edges it is a hundredth of the shortest edge as well.
-        largest_hole: Largest number of edges of a hole that is closed.
-        smallest_shell: Loose parts whose box is shorter than this are dropped [m].
+        largest_hole: See `RepairChoices`.
+        smallest_shell: See `RepairChoices`.
         fits: Whether points and facets have no crossing at the marked facets; chooses caps and
             gaps. None takes the first of them unchecked.
 
@@ -151,7 +151,13 @@ def repair_surface(
     facets, kept = facets[~is_loose], kept[~is_loose]
     facets, turned = _orient_parts(facets)
     points, facets, report.split_points, report.gap = split_touching(points, facets, fits)
-    _refuse_crowded_edges(points, facets, report)
+    uses = edge_uses(facets)
+    if np.any(uses.counts > 2):
+        guilty = np.unique(uses.owner[uses.crowd > 2]).tolist()
+        crowded = [(int(a), int(b)) for a, b in uses.edges[uses.counts > 2]]
+        error = NonManifoldError(guilty, edges=crowded)
+        error.surface, error.done = TriSurface(points, facets), report.lines()
+        raise error
     facets, report.flipped_edges = flip_flat_facets(points, facets)
     closed = close_holes(points, facets, largest_hole=largest_hole, fits=fits)
     sizes = part_sizes(closed.points, closed.facets)[1]
@@ -170,16 +176,6 @@ def repair_surface(
     report.filled_holes = [number[loop].tolist() for loop in closed.filled]
     report.open_holes = [number[loop].tolist() for loop in closed.left_open]
     return TriSurface(closed.points[order], number[facets].astype(np.int32)), report
-
-
-def _refuse_crowded_edges(points: Points, facets: Indices, report: RepairReport) -> None:
-    uses = edge_uses(facets)
-    if np.any(uses.counts > 2):
-        guilty = np.unique(uses.owner[uses.crowd > 2])
-        edges = uses.edges[uses.counts > 2]
-        error = NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
-        error.surface, error.done = TriSurface(points, facets), report.lines()
-        raise error
 
 
 def _merge_points(
