@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
+from palpate.meshes.own_files import own_path
 from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
 from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
@@ -341,7 +342,8 @@ def _named(path: str | Path) -> Any:
 
 
 def _write(path: str | Path, suffix: str, mesh: Any) -> None:
-    with atomic_path(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
+    new = own_path if suffix in MESH_SUFFIXES else atomic_path
+    with new(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         if suffix == ".msh":
             # Only version 2.2 has physical groups without entities of a geometry.
             version = "2.2" if mesh.field_data else "4.1"

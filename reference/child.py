@@ -69,7 +69,11 @@ def child_environment() -> dict[str, str]:
 
 
 def run_child(
-    command: Sequence[str], time_limit: float, progress: Progress | None
+    command: Sequence[str],
+    time_limit: float,
+    progress: Progress | None,
+    *,
+    temporaries: Path | None = None,
 ) -> tuple[int, str]:
     """Run a command; it and the processes that it starts end at the latest with this process.
 
@@ -77,6 +81,7 @@ def run_child(
         command: Program and arguments.
         time_limit: The command and its own children are ended after this [s], > 0.
         progress: Called with one line of text now and then.
+        temporaries: Folder for files of MPI and compilers, which a killed child leaves.
 
     Returns:
         The exit status and the last lines of the command's standard error.
@@ -92,9 +97,12 @@ def run_child(
     lines: deque[str] = deque()
     readers: list[threading.Thread] = []
     deadline = time.monotonic() + time_limit
+    environment = child_environment()
+    if temporaries is not None:
+        environment["TMPDIR"] = str(temporaries)
     with contextlib.ExitStack() as ends:
         ends.callback(_join, readers)
-        process = ends.enter_context(supervised(command, env=child_environment(), **_STREAMS))
+        process = ends.enter_context(supervised(command, env=environment, **_STREAMS))
         for stream, kept in ((process.stderr, errors), (process.stdout, lines)):
             readers.append(threading.Thread(target=_drain, args=(stream, kept), daemon=True))
             readers[-1].start()
@@ -169,7 +177,8 @@ def run_task(
         given, answer, todo = (folder / f"{name}.npz" for name in ("problem", "result", "task"))
         save_problem(given, problem)
         save_result(todo, task)
-        exit_code, errors = run_child(_command(given, todo, answer), time_limit, progress)
+        command = _command(given, todo, answer)
+        exit_code, errors = run_child(command, time_limit, progress, temporaries=folder)
         return _read_answer(answer, exit_code, errors, task)
 
 

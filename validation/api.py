@@ -384,7 +384,13 @@ def audit_result(
         raise ReferenceUnavailableError(f"{error}; degree 1 needs none of it") from None
 
 
-def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = None) -> Path:
+def export(
+    case: AnyCase,
+    folder: str | Path,
+    *,
+    strain: StrainName | None = None,
+    force: bool = False,
+) -> Path:
     """Write a case as a folder that any simulator can read: case.json, rest.vtu, rest.npz.
 
     Args:
@@ -392,6 +398,7 @@ def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = Non
         folder: Created if it does not exist; a folder with anything but an exported case is
             refused.
         strain: The strain measure that is asked for; the case's where None.
+        force: Whether files of those names that palpate did not write may be replaced.
 
     Returns:
         The folder.
@@ -408,7 +415,7 @@ def export(case: AnyCase, folder: str | Path, *, strain: StrainName | None = Non
     from palpate.validation.output_files import input_files, require_case_folder
 
     loaded, target = _case(case), Path(folder)
-    require_case_folder(target, inputs=input_files([loaded]))
+    require_case_folder(target, inputs=input_files([loaded]), force=force)
     used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
     write_case_folder(target, loaded.problem, used, name=loaded.name, title=loaded.title)
     return target

@@ -9,7 +9,7 @@ import typer
 
 from palpate.validation.candidates.faults import Fault
 from palpate.validation.commands import case_files, judging, reference, solve, studies
-from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
+from palpate.validation.commands.endings import end_by, end_of, end_soon, outlive_readers, stoppable
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.options import listed
@@ -96,6 +96,7 @@ def _lead() -> int:
             if stop.number is None:
                 return end_of(error)
     if stop.number is not None:
+        end_soon(stop.number)
         return end_by(stop.number)
     return code if isinstance(code, int) else 0
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.own_files import guard, may_replace
 
 if TYPE_CHECKING:
     from palpate.validation.case import Case
@@ -28,13 +29,19 @@ class OutputError(InputError):
 
 
 def require_outputs(
-    outputs: Mapping[str, Path | None], *, inputs: Iterable[str | Path] = ()
+    outputs: Mapping[str, Path | None],
+    *,
+    inputs: Iterable[str | Path] = (),
+    force: bool = False,
 ) -> None:
-    """Refuse output files that would overwrite an input or each other, or cannot be written.
+    """Refuse output files that would overwrite an input, each other or somebody else's file.
+
+    Those that cannot be written are refused, too. What comes there while the run computes stays.
 
     Args:
         outputs: Output files by the option that names each; None where it was not given.
         inputs: Files that the run reads.
+        force: Whether files that palpate did not write may be replaced.
 
     Raises:
         OutputError: An output is refused; nothing was touched.
@@ -55,26 +62,40 @@ def require_outputs(
                 path, f"{option} and {written[file]} name one file; give each its own"
             )
         written[file] = option
+        if not (force or may_replace(path)):
+            raise OutputError(
+                path,
+                f"was not written by palpate, and {option} would replace it; "
+                "name another file, or say --force",
+            )
+        guard(path, force=force)
 
 
-def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> None:
+def require_case_folder(
+    folder: Path, *, inputs: Iterable[str | Path] = (), force: bool = False
+) -> None:
     """Refuse a folder for `write_case_folder` whose files are not an exported case's.
 
     Args:
         folder: A folder that does not exist, has no files of those names, or has an exported case.
         inputs: Files that the run reads; the folder may contain none of them.
+        force: Whether files of those names that palpate did not write may be replaced.
 
     Raises:
         OutputError: It is a file, a folder with files of those names, or a protected folder.
     """
-    from palpate.validation.exchange.case_folder import FILES, is_case_folder
+    from palpate.validation.exchange.case_folder import FILES
 
     real = require_folder(folder, inputs=inputs)
-    taken = [name for name in FILES if os.path.lexists(real / name)]
-    if taken and not is_case_folder(real):
+    taken = [name for name in FILES if not may_replace(real / name)]
+    if taken and not force:
         raise OutputError(
-            folder, f"has files that are no exported case's ({', '.join(taken)}); name another"
+            folder,
+            f"has files that are no exported case's ({', '.join(taken)}); name another, or say "
+            "--force",
         )
+    for name in FILES:
+        guard(real / name, force=force)
 
 
 def require_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:

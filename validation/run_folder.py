@@ -23,7 +23,7 @@ from typing import TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.fingerprint import file_hash
-from palpate.meshes.temporaries import locked, own_mark, sweep
+from palpate.meshes.temporaries import keep, locked, own_mark, sweep
 from palpate.validation.output_files import OutputError, require_folder
 from palpate.validation.versions import version_of
 
@@ -73,6 +73,7 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
                 ) from error
             try:
                 require_run_folder(path, inputs=given)
+                keep(fresh)  # after the swap it is the old run
                 _swap_in(fresh, target)
             except (InputError, OSError) as error:
                 beside = _free_name(target)

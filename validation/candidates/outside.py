@@ -21,7 +21,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.reference.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator
+from palpate.validation.candidates.equations import TIME_LIMIT, AskedSteps
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.result_files import (
     ResultFile,
@@ -31,7 +32,7 @@ from palpate.validation.exchange.result_files import (
 from palpate.validation.quoting import in_quotes
 from palpate.validation.states import CandidateFailedError, Progress
 
-DEFAULT_TIME_LIMIT = 600.0
+DEFAULT_TIME_LIMIT = TIME_LIMIT
 _FIELD = re.compile(r"\{(case|result|iterations|time_step)(?::(npz|vtu|csv))?\}")
 _STDERR_CHARACTERS = 2000
 
@@ -59,8 +60,7 @@ class OutsideSimulator:
         command: For example "mysim {case} {result:vtu}".
         time_limit: Time limit [s], > 0.
         iterations: Number for the field of that name, > 0; None where there is none.
-        integrator: Its scheme, where its result does not say; None is the case's central
-            differences.
+        integrator: The scheme that it is judged by; None is the case's central differences.
         time_step: Time step that it is asked for instead of the case's [s]; None is the case's.
 
     Raises:
@@ -103,29 +103,13 @@ class OutsideSimulator:
         return Path((scripts or words or ["simulator"])[-1 if scripts else 0]).stem
 
     @property
-    def about(self) -> dict[str, object]:
-        """The steps that a result which does not state its own is taken to have."""
-        scheme = self.integrator
-        if self.time_step is not None:
-            scheme = scheme or Integrator.CENTRAL_DIFFERENCES
-        every = {"integrator": scheme, "iterations": self.iterations}
-        return {name: value for name, value in every.items() if value is not None}
+    def asked(self) -> AskedSteps:
+        """The scheme and step that it is judged by; the reference has its time limit."""
+        return AskedSteps(self.integrator, self.time_step, self.time_limit)
 
     def stepped(self, problem: Problem) -> Problem:
-        """The problem with the time step that is asked for.
-
-        Raises:
-            InputError: A step for a case without [time], or one that the outputs are not whole
-                numbers of apart.
-        """
-        if self.time_step is None:
-            return problem
-        from palpate.reference.schemes import stated_steps
-
-        steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
-        given = steps.of(problem)
-        stated_steps(given, f"--time-step {self.time_step:g}")
-        return given
+        """The problem with the time step that is asked for; see `AskedSteps`."""
+        return self.asked.stepped(problem)
 
     def run(
         self, problem: Problem, strain: Strain, progress: Progress, *, case_name: str = "case"
@@ -178,7 +162,8 @@ def _run(words: list[str], folder: Path, time_limit: float) -> None:
         start = [os.path.abspath(program), *words[1:]]  # noqa: PTH100  (links are kept: venvs)
         streams = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": subprocess.STDOUT}
         try:
-            with supervised(start, **streams) as process:
+            environment = {**os.environ, "TMPDIR": str(folder)}
+            with supervised(start, env=environment, **streams) as process:
                 process.wait(time_limit)
         except subprocess.TimeoutExpired:
             raise CandidateFailedError(

@@ -10,6 +10,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.options import (
+    Force,
     OneCase,
     StrainOfCase,
     print_lines,
@@ -38,6 +39,7 @@ def init(
     ] = None,
     unit: Annotated[str, typer.Option(help="of the file: m, cm or mm")] = "mm",
     repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
+    force: Force = False,
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
     from palpate.meshes.temporaries import write_text_atomically
@@ -46,8 +48,8 @@ def init(
 
     if output.suffix != ".toml":
         raise InputError(f"{output}: a case file needs the ending .toml")
-    require_outputs({"--output": output}, inputs=[] if surface is None else [surface])
-    _require_new(output)
+    require_outputs({"--output": output}, inputs=[] if surface is None else [surface], force=True)
+    _require_new(output, force=force)
     text = first_case(surface, target=output, unit=unit, repair=repair)
     write_text_atomically(output, text)
     load_case(output)
@@ -58,17 +60,18 @@ def schema(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help=".json; printed where not given")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Write the keys of a case file as a JSON Schema, for editors."""
-    from palpate.meshes.temporaries import write_text_atomically
+    from palpate.meshes.own_files import MARK, write_own_text
     from palpate.validation.case.schema_keys import editor_schema
 
-    require_outputs({"--output": output})
-    text = json.dumps(editor_schema(), indent=2, ensure_ascii=False) + "\n"
+    require_outputs({"--output": output}, force=force)
+    text = json.dumps({"$comment": MARK, **editor_schema()}, indent=2, ensure_ascii=False) + "\n"
     if output is None:
         print(text, end="")
         return
-    write_text_atomically(output, text)
+    write_own_text(output, text)
     print(f"{output}: in a case file, first line: #:schema ./{output.name}")
 
 
@@ -77,6 +80,7 @@ def check(
     picture: Annotated[
         Path | None, typer.Option(help=".png of body, supports, loads and tools")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Read and mesh a case; say sizes, loads, what it will cost, and what looks wrong."""
     from palpate.validation.case import load_case
@@ -84,7 +88,7 @@ def check(
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: name a file with .png")
     loaded = load_case(case)
-    require_outputs({"--picture": picture}, inputs=input_files([loaded]))
+    require_outputs({"--picture": picture}, inputs=input_files([loaded]), force=force)
     progress_lines()(f"reading and meshing {loaded.name}")
     _print_preview(loaded)
     if picture is not None:
@@ -100,14 +104,15 @@ def import_model(
     units: Annotated[
         UnitSystem | None, typer.Option(help="of the file: length, force, stress")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Make a case of another simulator's model, or say which line of it no case can hold."""
     from palpate.validation.case import load_case
     from palpate.validation.importing import import_model as make_case
 
     mesh = output.with_suffix(".msh")
-    require_outputs({"--output": output, "its mesh": mesh}, inputs=[model])
-    _require_new(output, mesh)
+    require_outputs({"--output": output, "its mesh": mesh}, inputs=[model], force=True)
+    _require_new(output, mesh, force=force)
     imported = make_case(model, output, units)
     print_lines(imported.notes, "note: ")
     print_lines(imported.ignored, "left out: ")
@@ -119,20 +124,22 @@ def export(
     case: OneCase,
     output: Annotated[Path, typer.Option("--output", "-o", help="folder")],
     strain: StrainOfCase = None,
+    force: Force = False,
 ) -> None:
     """Write a case as a folder that other simulators can read: case.json, rest.vtu, rest.npz."""
     from palpate.validation import api
 
     loaded = api.load_case(case)
     used = strain or loaded.strain
-    api.export(loaded, output, strain=used)
+    api.export(loaded, output, strain=used, force=force)
     print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
 
 
-def _require_new(*paths: Path) -> None:
+def _require_new(*paths: Path, force: bool) -> None:
+    """Refuse files that are there, palpate's own included: a case is edited once it is written."""
     for path in paths:
-        if path.exists():
-            raise OutputError(path, "is there already; name another file")
+        if path.exists() and not force:
+            raise OutputError(path, "is there already; name another file, or say --force")
 
 
 def _print_preview(case: Case) -> None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn, TextIO
 import typer
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.temporaries import discard_in_use
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.quoting import for_terminal_lines
 from palpate.validation.states import CandidateFailedError, ExitCode
@@ -38,8 +39,9 @@ _CODES: dict[type[Exception], ExitCode] = {
     ReferenceFailedError: ExitCode.INCONCLUSIVE,
     CandidateFailedError: ExitCode.FAILED,
 }
-# The core handles no signal while it computes: it is waited for during this time [s].
-_PATIENCE = 5.0
+# A process ends at the latest so long after a signal [s]. The core handles none while it computes,
+# and a library may catch the error or wait for its own threads.
+_PATIENCE = 4.0
 
 
 @dataclass
@@ -56,18 +58,17 @@ def stoppable() -> Iterator[Stop]:
     This yields the signal that it was: a library may catch the error as its own.
 
     Signals that are ignored, under nohup say, stay ignored. Where the main thread is deep in a
-    computation and cannot react, the process still ends after some seconds: its child processes
-    end with it, and the next run removes what it left.
+    computation, or waits for others while it tidies up, the process still ends after some seconds,
+    with its child processes and its temporaries.
     """
     if threading.current_thread() is not threading.main_thread():
         yield Stop()  # only the main thread can take signals
         return
     asked = Stop()
-    answered = threading.Event()
+    is_over = threading.Event()
 
     def stop(number: int, _frame: FrameType | None) -> NoReturn:
         asked.number = number
-        answered.set()
         for other in free:
             signal.signal(other, signal.SIG_IGN)  # a second one must not disturb the tidying
         raise KeyboardInterrupt
@@ -79,12 +80,12 @@ def stoppable() -> Iterator[Stop]:
     if hasattr(os, "set_blocking"):  # Windows: from Python 3.12 on
         os.set_blocking(wake, False)
     before_wake = signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
-    waiting = threading.Thread(target=_end_if_deaf, args=(woken, answered), daemon=True)
+    waiting = threading.Thread(target=_end_if_deaf, args=(woken, is_over), daemon=True)
     waiting.start()
     try:
         yield asked
     finally:
-        answered.set()
+        is_over.set()
         signal.set_wakeup_fd(before_wake)
         os.close(wake)
         waiting.join()
@@ -93,10 +94,15 @@ def stoppable() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
-def _end_if_deaf(woken: int, answered: threading.Event) -> None:
+def _end_if_deaf(woken: int, is_over: threading.Event) -> None:
     while number := os.read(woken, 1):
-        if number[0] in _STOPS and not answered.wait(_PATIENCE):
-            os._exit(128 + number[0])
+        if number[0] in _STOPS and not is_over.wait(_PATIENCE):
+            _end_now(number[0])
+
+
+def _end_now(number: int) -> NoReturn:
+    discard_in_use()
+    os._exit(128 + number)
 
 
 class _PatientFile(io.FileIO):
@@ -140,6 +146,13 @@ def _patient(stream: TextIO | None, original: TextIO | None) -> TextIO:
         errors=stream.errors,
         line_buffering=stream.line_buffering,
     )
+
+
+def end_soon(number: int) -> None:
+    """Let the process end soon after a signal, whatever threads the interpreter waits for."""
+    timer = threading.Timer(_PATIENCE, _end_now, (number,))
+    timer.daemon = True
+    timer.start()
 
 
 def end_by(number: int) -> int:

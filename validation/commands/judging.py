@@ -24,6 +24,7 @@ from palpate.validation.commands.options import (
     ElementOfResult,
     Expected,
     Folder,
+    Force,
     GrantedPrecision,
     Live,
     OneCase,
@@ -93,6 +94,7 @@ def gate(
     record_expected: Annotated[
         bool, typer.Option("--record-expected", help="keep these verdicts as the expected ones")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.temporaries import write_text_atomically
@@ -168,6 +170,7 @@ def gate(
     require_outputs(
         {"--json": json, "--junit": junit, "--summary": summary},
         inputs=input_files(loaded, command=" ".join(filter(None, (simulator, versus)))),
+        force=force,
     )
     progress = progress_lines()
     if every or quick:
@@ -297,6 +300,7 @@ def compare(
     live: Live = False,
     precision: GrantedPrecision = None,
     element: ElementOfResult = None,
+    force: Force = False,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.validation.candidates.candidate import result_candidate
@@ -307,7 +311,7 @@ def compare(
     from palpate.validation.output_files import input_files, require_outputs
 
     loaded = load_case(case)
-    require_outputs({"--json": json}, inputs=input_files([loaded], result))
+    require_outputs({"--json": json}, inputs=input_files([loaded], result), force=force)
     # A file that cannot be read is refused before anything is solved.
     read_result(result, most_bytes=room_for_result(loaded.problem))
     judged = judge_case(
@@ -326,13 +330,14 @@ def compare_runs(
     first: Annotated[Path, typer.Argument(help="results.json of a run")],
     second: Annotated[Path, typer.Argument(help="of another")],
     summary: Annotated[Path | None, typer.Option(help="the table as Markdown")] = None,
+    force: Force = False,
 ) -> None:
     """Put two runs, or two versions, side by side; 1 where the second is worse in anything."""
-    from palpate.meshes.temporaries import write_text_atomically
+    from palpate.meshes.own_files import write_own_text
     from palpate.validation.judging import run_comparison
     from palpate.validation.output_files import require_outputs
 
-    require_outputs({"--summary": summary}, inputs=[first, second])
+    require_outputs({"--summary": summary}, inputs=[first, second], force=force)
     compared = run_comparison.compare_runs(first, second)
     names = (str(first), str(second))
     table = Table()
@@ -348,7 +353,7 @@ def compare_runs(
         style = "red" if remark in compared.worse_cases else ""
         console.print(Text(for_terminal(remark), style=style))
     if summary is not None:
-        write_text_atomically(summary, compared.markdown(*names))
+        write_own_text(summary, compared.markdown(*names))
     raise typer.Exit(compared.exit_code)
 
 

@@ -12,6 +12,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.commands.options import (
+    Force,
     SimulatorCommand,
     TimeLimit,
     print_lines,
@@ -53,6 +54,7 @@ def law(
         bool, typer.Option("--self-test", help="seed mistakes; each has to be seen")
     ] = False,
     json: Annotated[Path | None, typer.Option(help="file for the findings")] = None,
+    force: Force = False,
 ) -> None:
     """Check energy, stress and tangent of a law, deformation by deformation.
 
@@ -74,7 +76,7 @@ def law(
         raise InputError(f"--limit {limit:g}: needs a value above 0 and below 1")
     if simulator is not None and self_test:
         raise InputError("--self-test seeds mistakes in palpate's own laws; leave --simulator out")
-    require_outputs({"--json": json})
+    require_outputs({"--json": json}, force=force)
     material = example_material(name, poissons_ratio, youngs_modulus)
     if c01 is not None:
         material = dataclasses.replace(material, c01=c01)

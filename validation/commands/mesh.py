@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.options import print_lines, progress_lines
+from palpate.validation.commands.options import Force, print_lines, progress_lines
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def mesh(
     ] = None,
     smallest: Annotated[float | None, typer.Option(help="edge length there")] = None,
     growth: Annotated[float, typer.Option(help="edge length over distance from it")] = 0.5,
+    force: Force = False,
 ) -> None:
     """Fill a closed surface with tetrahedra, keeping its facets."""
     import numpy as np
@@ -102,7 +103,8 @@ def mesh(
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
-    require_outputs({"--output": output}, inputs=[] if surface == "kidney" else [surface])
+    read = [] if surface == "kidney" else [surface]
+    require_outputs({"--output": output}, inputs=read, force=force)
     began = time.monotonic()
     if target_step is not None and (material is None or mesher is not Mesher.FASTSIM):
         raise InputError("--target-step needs --material, and fastsim's mesher")

@@ -18,6 +18,7 @@ from palpate.reference.schemes import Integrator
 from palpate.validation.quoting import for_json, for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements, Precision, Progress
+from palpate.validation.versions import version_of
 
 
 def is_condensed(simulator: Simulator) -> bool:
@@ -54,6 +55,9 @@ OptionalCases = Annotated[
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
 OptionalFile = Annotated[Path | None, typer.Option()]
+Force = Annotated[
+    bool, typer.Option("--force", help="replace output files that palpate did not write, too")
+]
 Expected = Annotated[
     bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
 ]
@@ -115,9 +119,10 @@ def print_lines(lines: Iterable[str], prefix: str = "") -> None:
         print(for_terminal(f"{prefix}{line}"))
 
 
-def write_json(path: Path | None, document: Any) -> None:
+def write_json(path: Path | None, document: dict[str, Any]) -> None:
     """Write strict JSON, whole or not at all; nothing where no file was asked for."""
-    from palpate.meshes.temporaries import write_text_atomically
+    from palpate.meshes.own_files import write_own_text
 
     if path is not None:
-        write_text_atomically(path, json.dumps(for_json(document), indent=2) + "\n")
+        own = {"palpate": version_of("palpate"), **document}
+        write_own_text(path, json.dumps(for_json(own), indent=2, allow_nan=False) + "\n")

@@ -15,6 +15,7 @@ from palpate.reference.result import Formulation
 from palpate.validation.commands.options import (
     Device,
     ElementOfResult,
+    Force,
     OneCase,
     OptionalFile,
     ResultFile,
@@ -71,6 +72,7 @@ def solve(
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,
     device: Device = "cpu",
+    force: Force = False,
 ) -> None:
     """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
     from palpate.validation.case import load_case
@@ -78,7 +80,7 @@ def solve(
 
     require_written_kind(output)
     loaded = load_case(case)
-    require_outputs({"--output": output}, inputs=input_files([loaded]))
+    require_outputs({"--output": output}, inputs=input_files([loaded]), force=force)
     problem, used = loaded.problem, strain or loaded.strain
     state = solve_problem(
         problem,
@@ -121,6 +123,7 @@ def audit(
         Path | None,
         typer.Option(help=".vtu with each cell's part, where to refine, and by how much it turns"),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Measure a result, at the case's points, against the equations it should satisfy.
 
@@ -142,7 +145,8 @@ def audit(
         raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
     judged = _audited(result, with_, element)
     loaded = load_case(case)
-    require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
+    outputs = {"--json": json, "--cells": cells}
+    require_outputs(outputs, inputs=input_files([loaded], result), force=force)
     used, progress = strain or loaded.strain, progress_lines()
     state, found = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     wrong = failures(found, limit)

@@ -16,6 +16,7 @@ from palpate.validation.commands.options import (
     ChosenElements,
     Device,
     Folder,
+    Force,
     OneCase,
     OptionalCases,
     StatedIntegrator,
@@ -220,16 +221,17 @@ def bench(
     device: Annotated[
         str, typer.Option(help="of steps: ours on cuda:0 or warp:cpu as well, beside its core")
     ] = "cpu",
+    force: Force = False,
 ) -> None:
     """Time palpate beside the rivals that are installed, in one run.
 
     PALPATE_BENCH_PYTHON names more interpreters, separated like PATH, whose rivals are timed too.
     """
-    from palpate.meshes.temporaries import write_text_atomically
+    from palpate.meshes.own_files import write_own_text
     from palpate.validation.output_files import require_outputs
     from palpate.validation.peers.bench import bench_json, run_benchmark
 
-    require_outputs({"--json": json})
+    require_outputs({"--json": json}, force=force)
     console = Console(stderr=True, highlight=False, markup=False)
     document = run_benchmark(
         name,
@@ -238,7 +240,7 @@ def bench(
         progress=lambda line: console.print(f"  {line}", style="dim", soft_wrap=True),
     )
     if json is not None:
-        write_text_atomically(json, bench_json(document))
+        write_own_text(json, bench_json(document))
     out = Console(highlight=False)
     # A file or a pipe has no width of its own, and 80 columns would truncate every number.
     print_bench(document, out if out.is_terminal else Console(highlight=False, width=200))

@@ -23,10 +23,10 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.fingerprint import array_hash
 from palpate.meshes.material_law import Law
+from palpate.meshes.own_files import own_path, write_own_text
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
-from palpate.meshes.temporaries import atomic_path, write_text_atomically
 from palpate.validation.exchange.nodal_arrays import nodal_force, rest_arrays, sliding_points
 
 
@@ -73,15 +73,6 @@ def case_key(problem: Problem, strain: Strain) -> str:
     return array_hash(f"palpate exchange {SCHEMA} {strain}", problem_arrays(problem))
 
 
-def is_case_folder(folder: Path) -> bool:
-    """Whether a folder's case.json is one that `write_case_folder` wrote."""
-    try:
-        document = json.loads((folder / "case.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(document, dict) and "palpate_case" in document
-
-
 def write_case_folder(
     folder: str | Path, problem: Problem, strain: Strain, *, name: str, title: str = ""
 ) -> None:
@@ -113,11 +104,11 @@ def write_case_folder(
     for index, load in enumerate(problem.loads):
         if load.amplitude is not None and not isinstance(load, Pressure):
             arrays[f"external_force_{index}"] = nodal_force(problem.mesh, load)
-    with atomic_path(target / "rest.npz") as temporary, temporary.open("wb") as stream:
+    with own_path(target / "rest.npz") as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     description = _describe(problem, strain, name, title)
     text = json.dumps(description, indent=2, allow_nan=False)
-    write_text_atomically(target / "case.json", text + "\n")
+    write_own_text(target / "case.json", text + "\n")
 
 
 def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[str, Any]:

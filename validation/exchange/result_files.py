@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import MESH_SUFFIXES, read_result_arrays, write_mesh
+from palpate.meshes.own_files import own_path
 from palpate.meshes.problem import Problem
-from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.untrusted import (
     UntrustedTextError,
     array_names,
@@ -335,6 +335,6 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
         said += f", {len(motion.times)} states to {motion.times[-1]:g} s"
     arrays["case_key"] = np.array(case_key(problem, state.strain))
     arrays["about"] = np.array(json.dumps(about, allow_nan=False))
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+    with own_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return said

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.meshes.temporaries import write_text_atomically
+from palpate.meshes.own_files import write_own_text
 from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import (
@@ -301,9 +301,9 @@ def write_outputs(
 ) -> None:
     """Write what was asked for, each file whole or not at all."""
     if json is not None:
-        write_text_atomically(json, results_json(results, version_of("palpate")))
+        write_own_text(json, results_json(results, version_of("palpate")))
     if junit is not None:
-        write_text_atomically(junit, junit_xml(results))
+        write_own_text(junit, junit_xml(results))
     if summary is not None:
         table = side_by_side_markdown(results)
-        write_text_atomically(summary, summary_markdown(results) + table)
+        write_own_text(summary, summary_markdown(results) + table)

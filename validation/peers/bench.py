@@ -17,6 +17,7 @@ from palpate.meshes.errors import InputError
 from palpate.validation.peers.registry import OURS, Tool
 from palpate.validation.peers.timing import Child, Schedule, timed
 from palpate.validation.states import Progress, in_silence
+from palpate.validation.versions import version_of
 
 Row = dict[str, Any]
 # The columns of every row, in the order of the table.
@@ -197,7 +198,8 @@ def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
 
 def bench_json(document: dict[str, Any]) -> str:
     """The document of a benchmark as strict JSON."""
-    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+    own = {"palpate": version_of("palpate"), **document}
+    return json.dumps(own, indent=2, allow_nan=False) + "\n"
 
 
 def describe_machine() -> dict[str, Any]:

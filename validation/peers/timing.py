@@ -94,8 +94,9 @@ class Child:
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 text=True,
-                env=_environment(self._command[0]),
-                cwd=self._job.parent,  # some write log files
+                # Some write log files, or files of compilers and MPI.
+                env=_environment(self._command[0]) | {"TMPDIR": str(self._job.parent)},
+                cwd=self._job.parent,
             )
         )
         assert process.stdin is not None
@@ -153,10 +154,13 @@ class Child:
     def _read(self) -> dict[str, Any]:
         # A process that hangs is ended, and has failed.
         timer = threading.Timer(self._schedule.time_limit, self._end)
+        timer.daemon = True
         timer.start()
-        line = self._output.readline()
-        is_late = not timer.is_alive()
-        timer.cancel()
+        try:
+            line = self._output.readline()
+            is_late = not timer.is_alive()
+        finally:
+            timer.cancel()
         if line:
             words: dict[str, Any] = json.loads(line)
             return words

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.own_files import own_path
 from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.temporaries import atomic_path
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.judging.results import CaseResult
@@ -53,7 +53,7 @@ _PALE = 0.35
 def draw_case(case: Case, path: Path) -> None:
     """Write a picture of a case as .png; an existing file is replaced."""
     picture = draw({"case": _case_views(case)})["case"]
-    with atomic_path(path) as temporary:
+    with own_path(path) as temporary:
         temporary.write_bytes(picture)
 
 

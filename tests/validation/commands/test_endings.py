@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from signals import PALPATE, default_signals, group_members
 
 from palpate.validation.commands.endings import end_of, stoppable
 
-PALPATE = [sys.executable, "-m", "palpate.validation.cli"]
 SLEEPER = """
 import os, subprocess, sys, time
 subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
@@ -25,30 +25,10 @@ time.sleep(600)
 """
 
 
-def default_signals() -> None:
-    """What a shell ignores for a job in the background is not ignored by what is started here."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
 def wait_until(is_so: Callable[[], bool]) -> None:
     """The test's own time limit is the deadline."""
     while not is_so():
         time.sleep(0.02)
-
-
-def group_members(marker: Path) -> list[str]:
-    """Command lines of living processes that work in a temporary folder, or for one."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            words = (folder / "cmdline").read_bytes()
-            environment = (folder / "environ").read_bytes()
-        except OSError:
-            continue
-        if f"TMPDIR={marker}".encode() in environment.split(b"\0"):
-            found.append(words.decode(errors="replace"))
-    return found
 
 
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="needs /proc")
