@@ -181,11 +181,12 @@ def touch(
     refused. Without a page the bodies stand still. All ends a while after the page was closed, or
     by Ctrl-C. Needs the extra `touch`.
     """
+    import contextlib
     import math
-    import webbrowser
 
     from palpate.validation.case import load_case
     from palpate.validation.live.live_case import Touch, tool_table
+    from palpate.validation.live.opening import opened
     from palpate.validation.live.panes import condensed_words
     from palpate.validation.live.server import PageServer
     from palpate.validation.states import Elements
@@ -206,9 +207,10 @@ def touch(
         print(f"touch {loaded.name} at {address}", flush=True)
         print(ends, flush=True)
         if browser:
-            webbrowser.open(address)
+            ends_with_server.enter_context(opened(address, output))
 
-    server.serve(ready)
+    with contextlib.ExitStack() as ends_with_server:
+        server.serve(ready)
 
 
 def bench(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ import numpy as np
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
+from palpate.meshes.fingerprint import file_hash
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.temporaries import atomic_path, write_text_atomically
 from palpate.meshes.untrusted import parse_toml
@@ -274,20 +276,29 @@ def write_pose(
 
 
 def write_case(case: Case, data: dict[str, Any], folder: Path, name: str) -> Path:
-    """Write tables as a case file, and beside it the files that the case names."""
+    """Write tables as a case file, and beside it the files that the case names.
+
+    Raises:
+        InputError: Another file of such a name is there: the case would be of another body.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for file in case.files[1:]:
         copy = folder / file.relative_to(case.folder)
-        if file.is_file() and not copy.exists():
+        if not file.is_file():
+            continue
+        if not os.path.lexists(copy):
             copy.parent.mkdir(parents=True, exist_ok=True)
             with atomic_path(copy) as temporary:
                 shutil.copyfile(file, temporary)
+        elif not (copy.is_file() and file_hash(copy) == file_hash(file)):
+            raise InputError(f"{copy}: differs from the case's own {file.name}; use another -o")
     path = folder / f"{name}.toml"
     write_text_atomically(path, case_text(data))
     return path
 
 
 def free_name(folder: Path, stem: str) -> str:
-    """A name that no case of the folder has: stem-1, stem-2, ..."""
+    """A name that no case or solution of the folder has: stem-1, stem-2, ..."""
     names = (f"{stem}-{number}" for number in itertools.count(1))
-    return next(name for name in names if not (folder / f"{name}.toml").exists())
+    ends = (".toml", ".npz")
+    return next(n for n in names if not any(os.path.lexists(folder / f"{n}{e}") for e in ends))
