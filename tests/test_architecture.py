@@ -253,7 +253,7 @@ LINES = {
     "validation/judging": (3600, "issue 34: what results, models and files may not do"),
     "validation/live": (3000, "as of 24 November 2026"),
     "validation/metrics": (4500, "as of 24 November 2026"),
-    "validation/peers": (5900, "as of 24 November 2026"),
+    "validation/peers": (5930, "issue 34: what makes a cached run"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3300, "as of 24 November 2026"),
     "validation/studies": (4300, "as of 24 November 2026"),

@@ -301,21 +301,26 @@ def scoreboard(
     processes: Annotated[
         int | None, typer.Option(help="how many at once; default: as many as there are cores")
     ] = None,
-    kept: Annotated[
-        Path | None, typer.Option(help="folder of answers and truths; default: DIR-runs")
+    cached: Annotated[
+        Path | None,
+        typer.Option(
+            help="folder of results of earlier calls, as DIR-runs: unchanged ones are used"
+        ),
     ] = None,
 ) -> None:
     """Run every simulator that is installed on every case, each under its own law.
 
-    Results are cached in DIR-runs, by all that they depend on: case, law, adapter, versions, time
-    limit. A second call only computes what is missing there.
+    Results are written to DIR-runs, or to the folder of --cached. They are used again where that is
+    asked for and case, law, time limit and all that made them (palpate, adapter, interpreter with
+    its modules, program, system) are as they were; those of --simulator never are. What is cached
+    is shown with its date.
     PALPATE_BENCH_PYTHON names more interpreters that have simulators, separated like PATH.
     """
+    from palpate.validation.cached_results import ResultCache
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.output_files import input_files
     from palpate.validation.peers.board import compute_board
-    from palpate.validation.peers.board_page import write_board
-    from palpate.validation.peers.board_runs import Cache
+    from palpate.validation.peers.board_page import words_on_cached, write_board
     from palpate.validation.peers.registry import Peer, peers_on_board
     from palpate.validation.run_folder import require_run_folder, run_folder
 
@@ -331,15 +336,18 @@ def scoreboard(
     cases = load_cases(names or builtin_cases())
     inputs = input_files(cases, command=simulator)
     require_run_folder(output, inputs=inputs)
-    folder = kept or output.with_name(f"{output.name}-runs")
+    if cached is not None and not cached.is_dir():
+        raise InputError(f"--cached {cached}: no folder of results; leave it out to run everything")
+    folder = cached or output.with_name(f"{output.name}-runs")
     board = compute_board(
         everybody,
         cases,
-        Cache(folder),
+        ResultCache(folder, is_read=cached is not None),
         time_limit=time_limit,
         progress=progress_lines(),
         processes=processes,
     )
     with run_folder(output, inputs=inputs) as fresh:
         page = write_board(board, fresh)
-    print_lines([str(output / page.name)])
+    said = words_on_cached(board)
+    print_lines([*([said] if said else []), str(output / page.name)])

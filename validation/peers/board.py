@@ -13,15 +13,16 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from palpate.meshes.material_law import Law
+from palpate.validation.cached_results import ResultCache
 from palpate.validation.case import Case
 from palpate.validation.peers.board_judge import Score, judge_run
 from palpate.validation.peers.board_references import OwnSteps, Truth, case_under, find_truth
-from palpate.validation.peers.board_runs import Cache, Run, Status, is_cached, run_entry, warm_up
+from palpate.validation.peers.board_runs import Run, Status, read_run, run_entry, warm_up
 from palpate.validation.peers.registry import Peer
-from palpate.validation.states import Progress, Verdict
+from palpate.validation.states import Progress, Verdict, in_silence
 
 # A motion takes about as long as this many statics of its mesh; it only affects the order.
 _STEPS_OF_A_MOTION = 10.0
@@ -41,6 +42,7 @@ class Board:
         date: When the board was made.
         minutes: Wall time of this call [min].
         processor_minutes: Processor time of everything that was run for it [min].
+        cached: Dates of the runs, truths and references of earlier calls that it shows, by name.
     """
 
     entries: Sequence[Peer]
@@ -52,6 +54,7 @@ class Board:
     date: str
     minutes: float
     processor_minutes: float
+    cached: Mapping[str, str] = field(default_factory=dict)
 
     def of_entry(self, entry: Peer) -> list[Score]:
         """The scores of an entry, in the order of the cases."""
@@ -65,18 +68,18 @@ class Board:
 def compute_board(
     entries: Sequence[Peer],
     cases: Sequence[Case],
-    cache: Cache,
+    cache: ResultCache,
     *,
     time_limit: float,
     progress: Progress,
     processes: int | None = None,
 ) -> Board:
-    """Run what is missing, and judge everything.
+    """Run everything that no cached result may be used of, and judge it.
 
     Args:
         entries: The simulators.
         cases: The cases that they solve.
-        cache: Existing results, and where new ones go.
+        cache: Where results go; those of earlier calls are used where it says so.
         time_limit: Time limit of one run [s].
         progress: Called with one line for each run or truth.
         processes: How many runs there are at once; the number of cores where None.
@@ -127,7 +130,7 @@ def compute_board(
             run(entry, case)
     for entry in (one for one in present if one.compiles):
         bodies = [under[case.path.stem, entry.law] for other, case in wanted if other is entry]
-        missing = (of for of in bodies if not is_cached(entry, of, cache, time_limit))
+        missing = (o for o in bodies if not read_run(entry, o, cache, time_limit, in_silence))
         any(warm_up(entry, of, say) for of in missing)  # until it takes one of them
     # Cases under another law come first: their truths are solved here while the others run.
     outside = [(entry, case) for entry, case in wanted if entry.is_outside]
@@ -158,7 +161,8 @@ def compute_board(
     minutes = (time.monotonic() - begin) / 60.0
     processor = (_processor_seconds() - spent) / 60.0
     say(f"done: {processor:.0f} min of processor time")
-    return Board(present, absent, cases, scores, truths, time_limit, date, minutes, processor)
+    numbers = time_limit, date, minutes, processor
+    return Board(present, absent, cases, scores, truths, *numbers, dict(cache.used))
 
 
 def _processor_seconds() -> float:
@@ -190,8 +194,9 @@ def _judged(run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnS
 def line_on(score: Score) -> str:
     """One line on a score."""
     run = score.run
+    before = f" (cached, of {run.date})" if run.is_cached else ""
     if score.distance is None:
-        return f"{run.entry} on {run.case}: {run.status}" + (f": {score.why}" if score.why else "")
-    return (
-        f"{run.entry} on {run.case}: {100.0 * score.distance:.3g} % from the truth of {score.law}"
-    )
+        why = f": {score.why}" if score.why else ""
+        return f"{run.entry} on {run.case}: {run.status}{why}{before}"
+    percent = f"{100.0 * score.distance:.3g} % from the truth of {score.law}"
+    return f"{run.entry} on {run.case}: {percent}{before}"

@@ -42,7 +42,7 @@ _COLUMNS = {
     "metric": "", "distance": ".4g", "bar": ".4g", "limit": ".4g", "same_mesh": ".4g",
     **{f"error_{cause}": ".4g" for cause in CAUSES}, "follows": "", "law_apart": ".4g",
     "processor_seconds": ".4g", "wall_seconds": ".4g", "peak_memory_mb": ".4g",
-    "smallest_det_f": ".4g", "method": "", "why": "", "date": "",
+    "smallest_det_f": ".4g", "method": "", "why": "", "date": "", "cached": "",
 }  # fmt: skip
 
 
@@ -68,6 +68,7 @@ def write_board(board: Board, folder: Path) -> Path:
         "palpate": version_of("palpate"),
         "command": COMMAND,
         "took": minutes_of(board),
+        "cached": words_on_cached(board),
     }
 
     def write(name: str, template: str, **more: Any) -> None:
@@ -115,6 +116,7 @@ def _row(entry: Peer, score: Score) -> Sequence[Any]:
         score.law_apart, stated(score, "seconds"), run.seconds or None,
         stated(score, "peak_memory_mb"), score.smallest_det_f,
         visible(str(run.says.get("method", ""))), visible(score.why), run.date,
+        run.is_cached,
     ]  # fmt: skip
 
 
@@ -127,6 +129,7 @@ def document(board: Board, table: Table) -> dict[str, Any]:
             "why": truth.why,
             "origin": "" if truth.references is None else truth.references.origin,
             "seconds": truth.seconds or None,
+            "cached": truth.cached or None,
         }
         for (name, law), truth in board.truths.items()
     ]
@@ -137,6 +140,7 @@ def document(board: Board, table: Table) -> dict[str, Any]:
         "processor_minutes": board.processor_minutes,
         "minutes_of_all": minutes_of(board),
         "time_limit": board.time_limit,
+        "cached": dict(board.cached),
         "machine": describe_machine(),
         "simulators": [entry.model_dump(mode="json") for entry in board.entries],
         "absent": [entry.name for entry in board.absent],
@@ -144,6 +148,17 @@ def document(board: Board, table: Table) -> dict[str, Any]:
         "truths": truths,
         "scores": table.records,
     }
+
+
+def words_on_cached(board: Board) -> str:
+    """How much of a board earlier calls made, and when; "" where they made nothing of it."""
+    if not board.cached:
+        return ""
+    dates = sorted(board.cached.values())
+    when = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+    runs = sum(score.run.is_cached for score in board.scores.values())
+    rest = len(board.cached) - runs
+    return f"Cached: {runs} of {len(board.scores)} runs, {rest} truths and references, of {when}"
 
 
 def minutes_of(board: Board) -> dict[str, float]:
@@ -212,7 +227,8 @@ def summary_markdown(board: Board) -> str:
             memory(row["memory"]),
         ]
         lines.append(f"| {' | '.join(map(for_markdown, cells))} |")
-    return "\n".join(lines) + "\n"
+    cached = words_on_cached(board)
+    return "\n".join([*lines, *(["", f"{cached}."] if cached else [])]) + "\n"
 
 
 _COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY}

@@ -12,31 +12,27 @@ error of the law, and the rest is the solver's. In motion every law is solved by
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import hashlib
-import json
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from palpate import reference
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
-from palpate.reference import availability
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.schemes import Integrator, Steps
+from palpate.validation.cached_results import CachedResult, ResultCache, made_here, text_hash
 from palpate.validation.case import Case
 from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.case_references import are_the_cases, find_references
 from palpate.validation.metrics.audit import NotPositiveDefiniteError, solve_scaled
 from palpate.validation.metrics.body import Body, imbalance
 from palpate.validation.metrics.laws import LawOfCells, along, laws_instead_of_law
-from palpate.validation.peers.board_runs import Cache, key_of
 from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.reference_set import BOTH, OF_ELEMENT, ReferenceSet
@@ -74,12 +70,14 @@ class Truth:
         references: States and bars.
         why: Why there are none, or none except on the case's own mesh.
         seconds: Wall time of solving them, where they were solved for the board [s].
+        cached: When an earlier call solved them; "" where none did.
     """
 
     case: Case
     references: ReferenceSet | None = None
     why: str = ""
     seconds: float = 0.0
+    cached: str = ""
 
     @property
     def law(self) -> Law:
@@ -92,30 +90,42 @@ def case_under(case: Case, law: Law) -> Case:
     return case.under(law) if case.strain is Strain.GREEN else case
 
 
-@functools.cache
-def _made_by() -> tuple[str, ...]:
-    """What determines a reference that is solved here: FEniCSx, and the reference's sources."""
-    sources = sorted(Path(reference.__file__).parent.rglob("*.py"))
-    text = b"\0".join(source.read_bytes() for source in sources)
-    installed = json.dumps(availability.versions(), sort_keys=True)
-    return installed, hashlib.sha256(text).hexdigest()
-
-
-def _cached(cache: Cache, name: str, key: str) -> ReferenceSet | None:
+def _cached(
+    cache: ResultCache, name: str, asked: str, progress: Progress
+) -> tuple[CachedResult, ReferenceSet | None] | None:
+    """A cached reference; without states where it is known that there are none."""
+    cached = cache.read(name, asked, made_here(), progress)
+    if cached is None or cached.file is None:
+        return None if cached is None else (cached, None)
     try:
-        references, made_for = read_reference(cache.path(name, key, ".npz"))
+        references, made_for = read_reference(cached.file)
     except (MissingReferenceError, UntrustedReferenceError):
         return None
-    return references if made_for == key else None
+    return (cached, references) if made_for == asked else None
 
 
-def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
+def _store(
+    cache: ResultCache, name: str, asked: str, record: Mapping[str, Any], found: ReferenceSet | None
+) -> None:
+    write = None
+    if found is not None:
+        write = functools.partial(
+            write_reference,
+            name=name,
+            key=asked,
+            references=found,
+            provenance=dict(found.provenance),
+        )
+    cache.write(name, asked, made_here(), record, write)
+
+
+def find_truth(case: Case, cache: ResultCache, progress: Progress) -> Truth:
     """The stored references of a case; under another law cached ones, or new ones.
 
     Args:
         case: The case under the law that is wanted.
         cache: Where such truths are stored.
-        progress: Called with one line for each truth solved.
+        progress: Called with one line for each truth solved, and with why a cached one is not used.
     """
     if case.other_law is None:
         try:
@@ -124,14 +134,13 @@ def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
     limit = _SECONDS if problem.time is None else _SECONDS_OF_A_MOTION
-    key = key_of(problem_key(problem), *_made_by(), f"{limit:g} {_UNKNOWNS:g}")
-    if (none := cache.read(name, key)) is not None:
-        return Truth(case, why=str(none[0].get("why")))
-    found = _cached(cache, name, key)
-    if found is not None:
-        said = found.provenance
-        return Truth(case, found, str(said.get("why", "")), float(str(said.get("seconds", 0.0))))
+    asked = text_hash(problem_key(problem), case.strain, f"{limit:g} {_UNKNOWNS:g}")
+    if (known := _cached(cache, name, asked, progress)) is not None:
+        cached, found = known
+        why, seconds = str(cached.record["why"]), float(cached.record["seconds"])
+        return Truth(case, found, why, seconds, cached.date if cached.is_from_before else "")
     begin, why = time.monotonic(), ""
+    found = None
     try:
         found = _solve_truth(case, limit, progress)
     except ReferenceUnavailableError as error:
@@ -141,13 +150,8 @@ def find_truth(case: Case, cache: Cache, progress: Progress) -> Truth:
     if found is not None and found.truth(case.strain) is None:
         why = "; ".join(found.failures.values()) or "the reference found no solution"
         found = None if found.same_mesh(case.strain) is None else found
-    if found is None:
-        cache.write(name, key, {"why": why}, None)
-        return Truth(case, why=why)
     seconds = time.monotonic() - begin
-    provenance = {**found.provenance, "seconds": seconds, "why": why}
-    found = dataclasses.replace(found, provenance=provenance)
-    write_reference(cache.path(name, key, ".npz"), case.name, key, found, provenance)
+    _store(cache, name, asked, {"why": why, "seconds": seconds}, found)
     return Truth(case, found, why, seconds)
 
 
@@ -174,7 +178,7 @@ class OwnSteps:
         progress: Called with one line for each run.
     """
 
-    cache: Cache
+    cache: ResultCache
     progress: Progress
 
     def of(self, problem: Problem, result: State) -> State | None:
@@ -229,10 +233,10 @@ class OwnSteps:
             return None
         strain, element = result.strain, result.element
         name = f"steps-{problem.material.law}"
-        key = key_of(problem_key(problem), strain, element, str(steps), *_made_by())
-        stored = _cached(self.cache, name, key)
-        if stored is not None and (OF_ELEMENT[element], strain) in stored.states:
-            return stored.states[OF_ELEMENT[element], strain]
+        asked = text_hash(problem_key(problem), strain, element, repr(steps))
+        known = _cached(self.cache, name, asked, self.progress)
+        if known and known[1] and (OF_ELEMENT[element], strain) in known[1].states:
+            return known[1].states[OF_ELEMENT[element], strain]
         try:
             state = solve_by_steps(problem, strain, steps, self.progress, element=element)
         except (ReferenceFailedError, InputError):
@@ -240,7 +244,7 @@ class OwnSteps:
         if not np.isfinite(state.displacements).all():
             return None
         references = ReferenceSet({(OF_ELEMENT[element], strain): state}, {}, str(steps))
-        write_reference(self.cache.path(name, key, ".npz"), name, key, references, {})
+        _store(self.cache, name, asked, {}, references)
         return state
 
 

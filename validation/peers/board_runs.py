@@ -1,17 +1,14 @@
 """Runs one simulator on one case, with a result, a failure or a refusal; and caches the runs.
 
-The key of a cached file is a hash of all that the result depends on: a case, a law, an adapter or
-a time limit that has changed has another key, and is computed anew. Each file is written whole or
-not at all.
+A cached run is used where that is asked for and everything that made it is as it was; see
+`palpate.validation.cached_results` and `makers`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import datetime
-import hashlib
+import functools
 import json
-import re
 import time
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -21,70 +18,21 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.temporaries import atomic_path, write_text_atomically
-from palpate.meshes.untrusted import UntrustedTextError, parse_json, read_text
+from palpate.meshes.fingerprint import date_now
+from palpate.validation.cached_results import CachedResult, Maker, ResultCache, text_hash
 from palpate.validation.candidates.candidate import candidate_name, fastsim_candidate
 from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case
 from palpate.validation.exchange.case_folder import case_key
-from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
+from palpate.validation.exchange.result_files import ResultFile, read_result, room_for_result
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
+from palpate.validation.peers.makers import maker_of
 from palpate.validation.peers.registry import Peer
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.versions import version_of
 
-_ARRAYS = ("times", "points", "cells", "original_id")
-
-
-def key_of(*parts: str) -> str:
-    """The key of several parts, as a hash."""
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
-
-
-class Cache:
-    """A folder of runs.
-
-    Args:
-        folder: Created if it does not exist.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
-
-    def path(self, name: str, key: str, suffix: str) -> Path:
-        """The path of the file with this key."""
-        return self.folder / f"{re.sub(r'[^A-Za-z0-9.-]', '_', name)}-{key[:16]}{suffix}"
-
-    def read(self, name: str, key: str) -> tuple[dict[str, Any], ResultFile | None] | None:
-        """A run's record and its result; None where no readable record exists."""
-        try:
-            record = parse_json(read_text(self.path(name, key, ".json")))
-            if not isinstance(record, dict) or record.get("key") != key:
-                return None
-            if not record.get("has_result"):
-                return record, None
-            return record, read_result(self.path(name, key, ".npz"))
-        except (OSError, UntrustedTextError, ResultFileError, ValueError):
-            return None
-
-    def write(self, name: str, key: str, record: dict[str, Any], result: ResultFile | None) -> None:
-        """Store a run, the result first, so that no record exists without it."""
-        if result is not None:
-            fields = {one: getattr(result, one) for one in _ARRAYS}
-            what = "positions" if result.are_positions else "displacement"
-            with atomic_path(self.path(name, key, ".npz")) as new, new.open("wb") as stream:
-                np.savez_compressed(
-                    stream,
-                    **{what: result.values},
-                    **{one: value for one, value in fields.items() if value is not None},
-                    case_key=result.case_key,
-                    about=json.dumps(result.about, default=str),
-                )
-        document = {**record, "key": key, "has_result": result is not None}
-        text = json.dumps(document, indent=1, default=str)
-        write_text_atomically(self.path(name, key, ".json"), text + "\n")
+_ARRAYS = ("times", "points", "cells", "original_id", "cauchy_stress")
 
 
 # Time limit of the run that compiles [s].
@@ -113,6 +61,7 @@ class Run:
         seconds: Wall time of the whole program, with start-up and reading [s].
         says: What the program states: version, method, iterations, processor time, memory.
         date: When it ran.
+        is_cached: Whether an earlier call ran it.
     """
 
     entry: str
@@ -123,9 +72,12 @@ class Run:
     seconds: float = 0.0
     says: dict[str, Any] = field(default_factory=dict)
     date: str = ""
+    is_cached: bool = False
 
 
-def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress: Progress) -> Run:
+def run_entry(
+    entry: Peer, case: Case, cache: ResultCache, time_limit: float, progress: Progress
+) -> Run:
     """Run a simulator on a case under its law, or read its cached result.
 
     Args:
@@ -133,7 +85,7 @@ def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress
         case: The case under the entry's law.
         cache: Where results are stored.
         time_limit: Time limit of one run [s].
-        progress: Called with one line for each run.
+        progress: Called with one line for each run, and with why a cached one is not used.
     """
     name = case.path.stem
     if entry.element is not None:
@@ -141,11 +93,11 @@ def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress
     command = entry.command_line()
     if command is None:
         return Run(entry.name, name, Status.MISSING, entry.why_missing())
-    label, key = _label_and_key(entry, case, time_limit)
-    found = cache.read(label, key)
+    label, asked, maker = _question(entry, case, time_limit)
+    found = read_run(entry, case, cache, time_limit, progress)
     if found is None:
         simulator = OutsideSimulator(command, time_limit)
-        record: dict[str, Any] = {"date": _now()}
+        record: dict[str, Any] = {}
         result = None
         try:
             result, seconds = simulator.run(case.problem, case.strain, progress, case_name=name)
@@ -154,18 +106,20 @@ def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress
             record |= {"status": Status.NOT_POSED, "why": str(error)}
         except (CandidateFailedError, InputError) as error:
             record |= {"status": Status.FAILED, "why": str(error)}
-        cache.write(label, key, record, result)
-        found = cache.read(label, key)
-        if found is None:
-            raise InputError(f"{cache.folder}: what was written there cannot be read again")
-    record, result = found
+        file = None if result is None else functools.partial(_write_result, result)
+        cache.write(label, asked, maker, record, file)
+        date, is_cached = date_now(), False
+    else:
+        cached, result = found
+        record, date, is_cached = dict(cached.record), cached.date, cached.is_from_before
     run = Run(
         entry.name,
         name,
         Status(record["status"]),
         str(record.get("why", "")),
         seconds=float(record.get("seconds", 0.0)),
-        date=str(record.get("date", "")),
+        date=date,
+        is_cached=is_cached,
     )
     if result is None:
         return run
@@ -176,9 +130,28 @@ def run_entry(entry: Peer, case: Case, cache: Cache, time_limit: float, progress
     return _with_state(run, case, state, dict(result.about))
 
 
-def is_cached(entry: Peer, case: Case, cache: Cache, time_limit: float) -> bool:
-    """Whether a run has been done already; see `run_entry`."""
-    return cache.read(*_label_and_key(entry, case, time_limit)) is not None
+def read_run(
+    entry: Peer, case: Case, cache: ResultCache, time_limit: float, progress: Progress
+) -> tuple[CachedResult, ResultFile | None] | None:
+    """A cached run with its result, None where it has to be run; see `run_entry`."""
+    label, asked, maker = _question(entry, case, time_limit)
+    found = cache.read(label, asked, maker, progress)
+    if found is None or found.file is None:
+        return None if found is None else (found, None)
+    return found, read_result(found.file, most_bytes=room_for_result(case.problem))
+
+
+def _write_result(result: ResultFile, path: Path) -> None:
+    fields = {one: getattr(result, one) for one in _ARRAYS}
+    what = "positions" if result.are_positions else "displacement"
+    with path.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            **{what: result.values},
+            **{one: value for one, value in fields.items() if value is not None},
+            case_key=result.case_key,
+            about=json.dumps(result.about, default=str),
+        )
 
 
 def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
@@ -201,15 +174,15 @@ def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
     return True
 
 
-def _label_and_key(entry: Peer, case: Case, time_limit: float) -> tuple[str, str]:
-    """The name and the key of a run in the cache; the key covers all that it depends on."""
-    key = key_of(case_key(case.problem, case.strain), entry.sources_hash(), f"{time_limit:g}")
-    return f"{entry.name}-{case.name}", key
+def _question(entry: Peer, case: Case, time_limit: float) -> tuple[str, str, Maker | None]:
+    """The name of a run in the cache, a hash of what is asked, and what would answer it now."""
+    asked = text_hash(case_key(case.problem, case.strain), entry.command, f"{time_limit:g}")
+    return f"{entry.name}-{case.name}", asked, maker_of(entry)
 
 
 def _run_fastsim(entry: Peer, case: Case, progress: Progress) -> Run:
     assert entry.element is not None
-    run = Run(entry.name, case.path.stem, Status.ANSWERED, date=_now())
+    run = Run(entry.name, case.path.stem, Status.ANSWERED, date=date_now())
     try:
         progress(f"{entry.title}, {case.strain} strain, {case.problem.mesh.num_cells} cells")
         mine, begin = fastsim_candidate(element=entry.element), time.process_time()
@@ -235,7 +208,3 @@ def _with_state(run: Run, case: Case, state: State, says: dict[str, Any]) -> Run
 
 def _failed(run: Run, why: str) -> Run:
     return dataclasses.replace(run, status=Status.FAILED, why=why)
-
-
-def _now() -> str:
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -7,11 +7,8 @@ to try besides this one, separated like PATH.
 
 from __future__ import annotations
 
-import ast
 import functools
-import hashlib
 import os
-import shlex
 import shutil
 import subprocess
 import sys
@@ -86,7 +83,7 @@ class Peer(_Model):
         adapter: Its file in the folder of adapters, without .py.
         options: Options for its adapter.
         module: Module that its interpreter must have; "" for a program on the path.
-        packages: Packages whose versions its results depend on; by default those of the module.
+        packages: Packages that its results depend on: cached ones are of the same versions.
         program: Program that must be on the path.
         install: How it is installed.
         homepage: Address of the project.
@@ -139,11 +136,15 @@ class Peer(_Model):
             return self.command
         if self.program and shutil.which(self.program) is None:
             return None
-        interpreter = interpreter_with(self.module) if self.module else sys.executable
+        interpreter = self.interpreter()
         if interpreter is None:
             return None
         words = [interpreter, f"{ADAPTERS / self.adapter}.py", "{case}", "{result}"]
         return " ".join([*words, *self._option_words])
+
+    def interpreter(self) -> str | None:
+        """The interpreter that runs its adapter; None where none has its module."""
+        return interpreter_with(self.module) if self.module else sys.executable
 
     @property
     def _option_words(self) -> list[str]:
@@ -153,45 +154,6 @@ class Peer(_Model):
         """How a reader can install it."""
         where = "" if self.program else f" ({VARIABLE} names other interpreters)"
         return f"not installed here: {self.install}{where}"
-
-    def sources_hash(self) -> str:
-        """SHA-256 over what runs it: its adapter with the files that this imports, or a command.
-
-        For a command the files that it names count too; for an adapter the versions that it runs.
-        """
-        if self.adapter:
-            texts = [*_texts_of(self.adapter), " ".join(self._option_words).encode()]
-        else:
-            files = [Path(word) for word in shlex.split(self.command)]
-            texts = [self.command.encode(), *(f.read_bytes() for f in files if f.is_file())]
-        return hashlib.sha256(b"\0".join([*texts, self.versions().encode()])).hexdigest()
-
-    def versions(self) -> str:
-        """The versions that are installed here, as it states them."""
-        program = version_of_program(self.program) if self.program else ""
-        interpreter = interpreter_with(self.module) if self.module else None
-        if interpreter is None:
-            return program
-        return program + versions_with(interpreter, self.module, self.packages)
-
-
-@functools.cache
-def _texts_of(adapter: str) -> list[bytes]:
-    """The texts of an adapter and of all files of the folder that it imports, also indirectly."""
-    found: dict[str, bytes] = {}
-    waiting = [adapter]
-    while waiting:
-        name = waiting.pop()
-        file = ADAPTERS / f"{name}.py"
-        if name in found or not file.is_file():
-            continue
-        found[name] = file.read_bytes()
-        for node in ast.walk(ast.parse(found[name])):
-            if isinstance(node, ast.Import):
-                waiting += [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                waiting.append(node.module)
-    return [found[name] for name in sorted(found)]
 
 
 FASTSIM = tuple(
@@ -280,32 +242,3 @@ def interpreter_with(module: str) -> str | None:
 def _imports(interpreter: str, module: str) -> bool:
     command = [interpreter, "-P", "-c", f"import {module}"]
     return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
-_VERSIONS = """
-import importlib.metadata, importlib.util, os, platform, sys
-module, *packages = sys.argv[1:]
-print("Python", platform.python_version())
-for package in packages:
-    print(package, importlib.metadata.version(package))
-if not packages:
-    found = os.stat(importlib.util.find_spec(module).origin)
-    print(module, found.st_size, found.st_mtime_ns)
-"""
-
-
-@functools.cache
-def versions_with(interpreter: str, module: str, packages: tuple[str, ...]) -> str:
-    """Versions of an interpreter and its packages; for a module without package, size and date.
-
-    The result is "" where they cannot be found out.
-    """
-    command = [interpreter, "-P", "-c", _VERSIONS, module, *packages]
-    return subprocess.run(command, capture_output=True, check=False, text=True).stdout
-
-
-@functools.cache
-def version_of_program(program: str) -> str:
-    """What a program prints when it is called with -v for its version."""
-    done = subprocess.run([program, "-v"], capture_output=True, check=False, text=True)
-    return done.stdout + done.stderr

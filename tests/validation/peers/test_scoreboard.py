@@ -17,18 +17,19 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
+from palpate.validation.cached_results import ResultCache
 from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import farthest_probe
-from palpate.validation.peers import adapters, registry
+from palpate.validation.peers import adapters
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, STEP, Score, judge_run
 from palpate.validation.peers.board_page import reason, write_board
 from palpate.validation.peers.board_references import OwnSteps, Truth
-from palpate.validation.peers.board_runs import Cache, Run, Status
-from palpate.validation.peers.registry import Peer, peers_on_board, read_peers, versions_with
+from palpate.validation.peers.board_runs import Run, Status
+from palpate.validation.peers.registry import Peer, peers_on_board, read_peers
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.states import State, Verdict, in_silence
 
@@ -69,7 +70,7 @@ def board_of(folder, entries, cases, time_limit=60.0, processes=None):
     return compute_board(
         entries,
         loaded,
-        Cache(folder / "cached"),
+        ResultCache(folder / "cached"),
         time_limit=time_limit,
         progress=in_silence,
         processes=processes,
@@ -133,31 +134,6 @@ def test_a_failure_a_refusal_and_a_hang_are_shown_and_stop_nothing(tmp_path) -> 
     assert len(re.findall(r'<td class="failed"[^>]*>failed', index)) == 2
 
 
-def test_a_second_call_runs_only_what_has_changed(tmp_path) -> None:
-    calls, right = tmp_path / "calls", solve_static(load_case("stretch").problem).displacement
-    np.save(tmp_path / "u.npy", right)
-    solution = f"""
-open({str(calls)!r}, "a").write("x")
-import numpy
-u = numpy.load({str(tmp_path / "u.npy")!r})"""
-
-    def asked(solution: str, time_limit: float = 60.0) -> tuple[int, Score]:
-        calls.write_text("")
-        entry = program(tmp_path, "counts", solution)
-        (score,) = board_of(tmp_path, [entry], ["stretch"], time_limit).scores.values()
-        return len(calls.read_text()), score
-
-    first, second = asked(solution), asked(solution)
-    assert (first[0], second[0]) == (1, 0)
-    assert first[1].distance == second[1].distance
-    assert first[1].run.date == second[1].run.date
-    # Another time limit, other sources, other versions: another run.
-    assert asked(solution, 61.0)[0] == 1
-    changed = asked(solution + "; u *= 1.01")
-    assert changed[0] == 1
-    assert changed[1].distance == pytest.approx(0.01, rel=1e-3)
-
-
 def test_a_simulator_that_compiles_runs_once_for_nothing_on_a_case_it_takes(
     tmp_path,
 ) -> None:
@@ -172,24 +148,6 @@ sys.exit("no")"""
     asked = calls.read_text().split()
     # Once for nothing and once for its solution; a refusal compiles nothing.
     assert asked.count("shear") == 2
-    board_of(tmp_path, [entry], ["stretch", "shear"])
-    assert calls.read_text().split() == asked
-
-
-def test_other_versions_are_asked_anew(monkeypatch) -> None:
-    entry = next(e for e in read_peers() if e.name == "felupe-tetra4")
-    found = set()
-    for version in ("felupe 11.3.0", "felupe 11.3.1"):
-        monkeypatch.setattr(registry, "interpreter_with", lambda _module: sys.executable)
-        monkeypatch.setattr(registry, "versions_with", lambda *_, said=version: said)
-        found.add(entry.sources_hash())
-    assert len(found) == 2
-
-
-def test_versions_are_those_of_the_interpreter_that_is_asked() -> None:
-    said = versions_with(sys.executable, "numpy", ("numpy",))
-    assert f"numpy {np.__version__}" in said
-    assert versions_with(sys.executable, "numpy", ()).split()[2] == "numpy"
 
 
 def test_simulators_run_side_by_side(tmp_path) -> None:
@@ -366,7 +324,7 @@ def test_errors_of_step_iterations_and_law_land_in_their_own_columns(let_go: Pat
         return float((one.displacements - other.displacements)[most] @ direction)
 
     lines: list[str] = []
-    own_steps = OwnSteps(Cache(let_go.parent / "cached"), lines.append)
+    own_steps = OwnSteps(ResultCache(let_go.parent / "cached"), lines.append)
 
     def score(state: State) -> Score:
         return judge_run(
