@@ -29,7 +29,7 @@ from palpate.validation.metrics.validity import (
     unmeasurable_state,
 )
 from palpate.validation.states import State, Trajectory
-from palpate.validation.studies.validity import Mode, follow
+from palpate.validation.studies.validity import follow
 
 BLOCK = brick_box((3, 2, 2), (0.03, 0.02, 0.02))
 Field = NDArray[np.float64]
@@ -201,7 +201,7 @@ def test_a_turned_and_stretched_body_is_turned_by_that_angle(angle: float) -> No
 
 def test_the_borders_are_those_of_a_bent_bar() -> None:
     deflections = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-    bar = follow(Mode.BENDING, 0.3, deflections, slenderness=4.0)
+    bar = follow(4.0, 0.3, deflections)
     for error, degrees in BORDERS.items():
         found = bar.border(error, measure="rotation")
         assert found is not None

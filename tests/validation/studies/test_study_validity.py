@@ -16,19 +16,15 @@ from palpate.validation.report.study_page import study_page
 from palpate.validation.states import Verdict
 from palpate.validation.studies import validity
 from palpate.validation.studies.validity import (
-    MOST,
-    OF_THE_BLOCK,
     End,
     Found,
-    Mode,
     Point,
     Series,
+    deflection,
     find_end,
     follow,
-    follow_block,
     judge,
-    make_body,
-    predicted,
+    make_bar,
     present,
 )
 
@@ -39,11 +35,9 @@ DEFLECTIONS = (0.015, 0.03, 0.06, 0.12, 0.24)
 def found() -> Found:
     which = list(product((4.0, 8.0), (0.0, 0.3)))
     return Found(
-        [follow(Mode.BENDING, nu, DEFLECTIONS, slenderness=L, cells_across=3) for L, nu in which],
-        [find_end(Mode.BENDING, nu, slenderness=L, cells_across=3) for L, nu in which],
-        [follow_block(mode, 0.3) for mode in OF_THE_BLOCK],
-        [find_end(mode, 0.3) for mode in OF_THE_BLOCK],
-        find_end(Mode.BENDING, 0.3, slenderness=4.0, cells_across=4),
+        [follow(L, nu, DEFLECTIONS, cells_across=3) for L, nu in which],
+        [find_end(L, nu, 3) for L, nu in which],
+        find_end(4.0, 0.3, 4),
     )
 
 
@@ -55,9 +49,8 @@ def with_errors(bar: Series, factor: float) -> Series:
 def test_a_small_map_shows_what_the_whole_one_claims(found: Found) -> None:
     assert [f.verdict for f in judge(found)] == [Verdict.PASSED] * 2
     page = present(found)
-    assert set(page.figures) == {"map", "rotation", "modes"}
+    assert set(page.figures) == {"map", "rotation"}
     assert all(row[2] < row[3] < row[4] < row[-2] for row in page.tables["bending"].rows)
-    assert len(page.tables["modes"].rows) == len(OF_THE_BLOCK)
     assert len(page.tables["points"].rows) == 4 * len(DEFLECTIONS)
     assert "is lost at P L^2/(E I)" in page.remarks[0]
     assert "was not reached" in present(found._replace(finer=None)).remarks[0]
@@ -71,57 +64,15 @@ def test_findings_go_red(found: Found) -> None:
     bars = [with_errors(bar, 1.0 + bar.poissons_ratio) for bar in found.bars]
     assert judge(found._replace(bars=bars))[0].verdict is Verdict.FAILED
     early = [End(0.1, 1.0)] * len(found.bars)
-    assert judge(found._replace(bar_ends=early))[1].verdict is Verdict.FAILED
+    assert judge(found._replace(ends=early))[1].verdict is Verdict.FAILED
 
 
 def test_a_border_is_where_a_power_law_crosses_it() -> None:
     points = [Point(x, x, 0.5 * x, 0.0, 0.0, 2.0 * x, 0.0) for x in (0.01, 0.05, 0.25)]
-    bar = Series(Mode.BENDING, 1.0, 0.3, tuple(points))
+    bar = Series(1.0, 0.3, tuple(points))
     assert bar.border(0.1) == pytest.approx(0.2, rel=1e-12)
     assert bar.border(0.1, measure="rotation") == pytest.approx(0.4, rel=1e-12)
     assert bar.border(0.2) is None
-
-
-def test_an_end_is_measured_by_what_linear_strain_predicts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # Whatever is tried at most, the limit is the same, to the steps of the load.
-    first = find_end(Mode.CONFINED_COMPRESSION, 0.3)
-    monkeypatch.setitem(MOST, Mode.CONFINED_COMPRESSION, 0.5)
-    second = find_end(Mode.CONFINED_COMPRESSION, 0.3)
-    assert first is not None
-    assert second is not None
-    assert first.nominal == pytest.approx(second.nominal, abs=2.0 * 0.5 / 8192.0)
-    assert find_end(Mode.STRETCH, 0.3) is None
-
-
-@pytest.mark.parametrize("nu", validity.MODE_RATIOS)
-@pytest.mark.parametrize("mode", OF_THE_BLOCK[:3])
-def test_homogeneous_states_equal_the_closed_forms(mode: Mode, nu: float) -> None:
-    # Nominal stress over E (confined over lmbda + 2 mu) = l (l^2 - 1) / 2, lateral stretch
-    # sqrt(1 - nu (l^2 - 1)); linear strain: l = 1 + stress in both.
-    block = follow_block(mode, nu)
-    assert len(block.points) >= 10  # confined, it gives way by shear before the last
-    lateral = 0.0 if mode is Mode.CONFINED_COMPRESSION else nu
-    for p in block.points:
-        stress = p.nominal if mode is Mode.STRETCH else -p.nominal
-        along = max(np.roots([1.0, 0.0, -1.0, -2.0 * stress]).real)
-        across = np.sqrt(1.0 - lateral * (along**2 - 1.0))
-        # Every axis has the same integral of X^2 about the corner that stays.
-        green = np.array([along, across, across])
-        linear = 1.0 + stress * np.array([1.0, -lateral, -lateral])
-        error = np.linalg.norm(linear - green) / np.linalg.norm(green - 1.0)
-        wanted = (error, np.prod(linear) - 1.0, np.prod(green) - 1.0)
-        assert p[2:5] == pytest.approx(wanted, abs=1e-8)
-
-
-@pytest.mark.parametrize("nu", validity.MODE_RATIOS)
-def test_free_compression_ends_at_the_peak_of_the_law(nu: float) -> None:
-    end = find_end(Mode.COMPRESSION, nu)
-    assert end is not None
-    # The load is raised in steps down to 1/8192 of the most.
-    step = MOST[Mode.COMPRESSION] / 8192.0
-    assert end.nominal == pytest.approx(1.0 / (3.0 * np.sqrt(3.0)), abs=1.5 * step)
 
 
 def elastica(load: float) -> tuple[Floats, Floats, Floats]:
@@ -162,9 +113,7 @@ def test_a_slender_bar_errs_as_the_elastica(
     # Published: TARGETS section 2.
     assert (-back[-1], down[-1]) == pytest.approx((0.32894124, 0.66996418), abs=2e-8)
     for nu in ratios:
-        bar = follow(
-            Mode.BENDING, nu, deflections, slenderness=slenderness, cells_across=cells_across
-        )
+        bar = follow(slenderness, nu, deflections, cells_across=cells_across)
         for p in bar.points:
             load = 3.0 * p.nominal
             s, u, w = elastica(load)
@@ -181,7 +130,7 @@ def test_a_slender_bar_errs_as_the_elastica(
 # The volume of stubby bars is mostly that of the clamp's corner, which linear tetrahedra blur.
 @pytest.mark.dolfinx
 @pytest.mark.parametrize(
-    ("slenderness", "nu", "deflection", "across", "quadratic_across", "within"),
+    ("slenderness", "nu", "sinks", "across", "quadratic_across", "within"),
     [
         (2.0, 0.3, 0.1, 4, 2, 0.05),
         *(
@@ -194,20 +143,18 @@ def test_a_slender_bar_errs_as_the_elastica(
     ],
 )  # fmt: skip
 def test_quadratic_tetrahedra_find_the_same_errors_at_the_same_deflection(
-    slenderness: float, nu: float, deflection: float, across: int, quadratic_across: int,
+    slenderness: float, nu: float, sinks: float, across: int, quadratic_across: int,
     within: float,
 ) -> None:  # fmt: skip
     from palpate.reference.statics import solve_static
 
     def bar(load: float) -> Problem:
-        return make_body(Mode.BENDING, slenderness, nu, load, quadratic_across)
+        return make_bar(slenderness, nu, load, quadratic_across)
 
-    (point,) = follow(
-        Mode.BENDING, nu, (deflection,), slenderness=slenderness, cells_across=across
-    ).points
+    (point,) = follow(slenderness, nu, (sinks,), cells_across=across).points
     unit = bar(1.0)
     bent = solve_static(unit, strain=Strain.LINEAR, degree=2).displacement
-    load = deflection / predicted(Mode.BENDING, unit.mesh, bent)
+    load = sinks / deflection(unit.mesh, bent)
     linear, green = (solve_static(bar(load), strain=s, degree=2) for s in Strain)
     mesh = unit.mesh
     difference = l2_norm(mesh, linear.displacement - green.displacement)
