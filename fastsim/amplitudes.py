@@ -38,10 +38,8 @@ def _always(_time: float) -> float:
 class Histories:
     """The different amplitudes of a problem, each once; history 0 is 1 at all times.
 
-    Args:
-        problem: Its loads and supports are counted.
-        loads: One amplitude for all loads, or one for each (None is 1); None uses each load's own.
-        supports: Amplitudes of the supports' displacements, in the same way.
+    `loads` and `supports` are one amplitude for all, or one for each (None is 1); None uses each
+    one's own.
 
     Attributes:
         of_load: History of each load.
@@ -95,7 +93,10 @@ class Histories:
             raise InputError(
                 f"{len(given)} amplitudes for {count} {what}; give one for each, or one for all"
             )
-        return tuple(0 if function is None else self._index_of(function) for function in given)
+        for function in given:
+            if function is not None and function not in self._functions:
+                self._functions.append(function)
+        return tuple(0 if f is None else 1 + self._functions.index(f) for f in given)
 
     def _turn(self, angle: float, history: int) -> tuple[int, int]:
         factor: Amplitude = self._functions[history - 1] if history else _always
@@ -104,8 +105,3 @@ class Histories:
             lambda time: 2.0 * math.sin(0.5 * angle * factor(time)) ** 2,
         ]
         return len(self._functions) - 1, len(self._functions)
-
-    def _index_of(self, function: Amplitude) -> int:
-        if function not in self._functions:
-            self._functions.append(function)
-        return 1 + self._functions.index(function)

@@ -314,15 +314,8 @@ class Body:
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), by the element's strain.
 
-    Under another law S = F^-1 P.
-
-    Args:
-        body: With engineering strain S is Cauchy's stress, with finite strain the second
-            Piola-Kirchhoff stress.
-        displacement: [m], shape (num_points, 3), finite.
-
-    Returns:
-        [Pa], shape (num_cells, 3, 3), symmetric.
+    Under another law S = F^-1 P. With engineering strain it is Cauchy's stress, with finite strain
+    the second Piola-Kirchhoff stress [Pa], symmetric, shape (num_cells, 3, 3).
     """
     gradient = body.displacement_gradients(displacement)
     if body.strain is Strain.GREEN and not body.law.is_linear_in_strain:
@@ -336,14 +329,9 @@ def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
 
 
 def cauchy_stress(body: Body, displacement: ArrayLike) -> Floats:
-    """Cauchy's stress of each cell, F S F^T / det F; with engineering strain S itself.
+    """Cauchy's stress of each cell [Pa], F S F^T / det F, (num_cells, 3, 3); see `cell_stress`.
 
-    Args:
-        body: Its strain decides which stress S is: see `cell_stress`.
-        displacement: [m], shape (num_points, 3), finite.
-
-    Returns:
-        [Pa], shape (num_cells, 3, 3), symmetric; not finite where det F is 0 or a number overflows.
+    Not finite where det F is 0 or a number overflows.
     """
     S = cell_stress(body, displacement)
     if body.strain is Strain.LINEAR:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.body import Body
+from palpate.fastsim.body import Body, lame_parameters
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
@@ -60,12 +60,7 @@ class CriticalCells:
 
 
 def find_critical_cells(mesh: TetMesh, material: Material) -> CriticalCells:
-    """The cells that decide the time step of linear tetrahedra at rest, and the surface's bound.
-
-    Args:
-        mesh: Mesh of one material.
-        material: All laws are as stiff at rest.
-    """
+    """The cells that decide the time step of linear tetrahedra at rest, and the surface's bound."""
     steps = Body(mesh, material).cell_time_steps()
     first = np.argsort(steps, kind="stable")[:MOST_TOLD].astype(np.int32)
     speed = wave_speed(material)
@@ -102,19 +97,13 @@ def mesh_to_time_step(
     make: Callable[[float], TetMesh],
     progress: Callable[[str], None] | None = None,
 ) -> TetMesh:
-    """Mesh until the stable step is as long as wanted, or as near to it as possible.
+    """Mesh until the stable step is as long as wanted [s], or as near to it as possible.
 
     Cells below an altitude are improved by flips, moves and insertions of inner points, and the
     cells that decide the step by moves for its own sake; the altitude is raised until the step is
     reached. The mesh may fall short of it: `find_critical_cells` shows by how much, and the bound
-    by the surface.
-
-    Args:
-        material: Material of the body.
-        time_step: Wanted [s], > 0.
-        make: Meshes a surface, from an altitude [m] below which cells are improved; 0 is as
-            without a target.
-        progress: Called with a line after each mesh.
+    by the surface. `make` meshes a surface, from an altitude [m] below which cells are improved; 0
+    is as without a target.
     """
     speed = wave_speed(material)
     best: tuple[float, TetMesh] | None = None
@@ -134,16 +123,11 @@ def mesh_to_time_step(
 def move_for_time_step(
     mesh: TetMesh, material: Material, time_step: float
 ) -> tuple[TetMesh, float]:
-    """Move inner points at the cell that decides the step, again and again.
+    """Move inner points at the cell that decides the step until that is as long as wanted [s].
 
-    Args:
-        mesh: Its boundary is preserved.
-        material: Material of the body.
-        time_step: Where to stop [s].
-
-    Returns:
-        The mesh, and its step [s]: as wanted, or that of a cell whose corners are all on the
-        boundary, or where no small move of one makes the worst cell around it better.
+    Returns the mesh, its boundary as before, and its step [s]: as wanted, or that of a cell whose
+    corners are all on the boundary, or where no small move of one makes the worst cell around it
+    better.
     """
     points = mesh.points.copy()
     steps = Body(mesh, material).cell_time_steps()
@@ -210,9 +194,7 @@ def cell_steps(corners: Points, material: Material) -> Floats:
     inverse = np.linalg.inv(edges[is_good]).transpose(0, 2, 1)
     gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
     # B^T D B, block by block: lambda g_a g_b^T + mu (g_a . g_b I + g_b g_a^T).
-    modulus, ratio = material.youngs_modulus, material.poissons_ratio
-    mu = modulus / (2.0 * (1.0 + ratio))
-    lmbda = modulus * ratio / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
+    lmbda, mu = lame_parameters(material)
     outer = np.einsum("nai,nbj->naibj", gradients, gradients)
     inner = np.einsum("nai,nbi->nab", gradients, gradients)
     block = lmbda * outer + mu * outer.transpose(0, 1, 4, 3, 2)

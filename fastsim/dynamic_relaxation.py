@@ -169,7 +169,9 @@ class _Relaxation:
         self._num_threads, self._device = num_threads, device
         self._supports = FixedPoints(problem)
         self.body = Body.of(problem, strain, element=element)
-        self._bound = self._gershgorin()
+        # Masses for which omega_max <= 2 at rest, the largest of each point's three.
+        self.body.core.assemble_tangent(np.zeros_like(self.last_good))
+        self._bound: Floats = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
         self._contact = contact
         self.tool_forces = np.zeros((len(problem.tools), 3))
 
@@ -260,9 +262,3 @@ class _Relaxation:
         if moves or scale == 0.0:
             scale = max(scale, float(np.linalg.norm(self._supports.keep_held(force))))
         return max(scale, float(np.finfo(float).tiny))
-
-    def _gershgorin(self) -> Floats:
-        """Masses for which omega_max <= 2 at rest, the largest of each point's three."""
-        self.body.core.assemble_tangent(np.zeros_like(self.last_good))
-        bound: Floats = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
-        return bound

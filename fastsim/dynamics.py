@@ -147,15 +147,7 @@ def simulate(
 
 
 class Recorder:
-    """Records states, energies and tools of a run at the output times.
-
-    Args:
-        body: At the start of its problem's time span.
-        tracks_energy: Whether energies are recorded.
-
-    Attributes:
-        times: Times of the outputs [s], shape (num_outputs + 1,), from 0.
-    """
+    """Records states, energies and tools of a run at its output `times` [s], from 0."""
 
     def __init__(self, body: ExplicitBody, *, tracks_energy: bool) -> None:
         span = body.problem.time

@@ -24,11 +24,8 @@ from palpate.meshes.spring import Spring
 class ExplicitLoads:
     """Loads, springs and supports of a run, sorted by their histories in time.
 
-    Args:
-        problem: Loads, springs and supports.
-        strain: Pressure follows the body only under finite strain.
-        loads: Amplitudes of the loads; see `Histories`.
-        supports: Amplitudes of the supports.
+    For the amplitudes of loads and supports see `Histories`. Pressure follows the body only under
+    finite strain.
 
     Attributes:
         is_free: 1 where free, 0 where fixed along x, y or z, shape (num_points, 3). Points that
@@ -139,11 +136,6 @@ class ExplicitLoads:
 
 class MovingSupports:
     """Prescribed displacements over time, as the core needs them: sums of factors times values.
-
-    Args:
-        problem: Whose supports these are.
-        supports: Which components they fix.
-        histories: Their factors over time.
 
     Attributes:
         is_free: 1 where free along x, y or z, shape (num_points, 3); points that slide are free.
@@ -256,13 +248,8 @@ _COLUMNS = 4
 class ExplicitSprings:
     """The springs of a run, which may be added, removed and moved between its steps.
 
-    Args:
-        points: Points of the mesh at rest [m], shape (num_points, 3).
-        springs: Springs of the problem.
-
-    Attributes:
-        springs: All that act now, with the paths of those that are not moved from outside.
-        patches: Their forces.
+    `springs` are all that act now, with the paths of those that are not moved from outside,
+    `patches` their forces.
     """
 
     def __init__(self, points: Points, springs: tuple[Spring, ...]) -> None:
@@ -306,7 +293,11 @@ class ExplicitSprings:
     def send(self, number: int, goal: Floats, start: float, end: float) -> None:
         """Move an anchor along a straight line to a position in a span of time; it stays there."""
         factor, *ways = self._ways[number]
-        self._ways[number] = (factor, *map(_way_to, ways, goal.tolist(), [start] * 3, [end] * 3))
+        lines = (
+            TabularAmplitude((start, end), (way(start), to))
+            for way, to in zip(ways, goal.tolist(), strict=True)
+        )
+        self._ways[number] = (factor, *lines)
 
     def anew(self) -> ExplicitSprings:
         """The same springs with their original paths."""
@@ -354,7 +345,3 @@ _Way = Callable[[float], float]
 def _ways_of(spring: Spring) -> tuple[_Way, ...]:
     factor = spring.amplitude or TabularAmplitude((0.0,), (1.0,))
     return (factor, *spring.path.components())
-
-
-def _way_to(way: _Way, goal: float, start: float, end: float) -> _Way:
-    return TabularAmplitude((start, end), (way(start), goal))

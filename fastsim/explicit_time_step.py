@@ -19,11 +19,8 @@ from palpate.meshes.problem import Problem, Strain, TimeSpan
 def critical_with_springs(body: Body, springs: ExplicitSprings, time_step: float | None) -> float:
     """The critical step of a body and its springs, without damping and contact [s].
 
-    Args:
-        body: The body at rest.
-        springs: Springs of the problem.
-        time_step: Chosen step [s], or None. Where all springs at once are too stiff for it, only
-            those that ever pull together count.
+    Where all springs at once are too stiff for the chosen step [s], only those that ever pull
+    together count.
     """
     if not springs.springs:
         return body.critical_time_step()
@@ -55,16 +52,12 @@ def bound_step(
         critical_time_step: Of the body and its springs [s]; infinite where none is known.
         time_step: Chosen step [s], or None.
         stiffness_damping: beta [s], >= 0; see `viscous_force`.
-        contact: How contact is enforced; see `ExplicitTools`.
-        body_contact: A penalty for bodies that touch each other or themselves, or None.
+        contact: See `ExplicitBody`.
+        body_contact: See `ExplicitBody`.
         tools: Prepared before, and then without effect on the step; None prepares them.
 
     Returns:
-        The critical step [s], the rigid tools and the contact of the body with itself, each None
-        where there is none.
-
-    Raises:
-        InputError: A tool that is driven by a force, with the constraint.
+        The critical step [s], the tools and the contact of the body with itself, or None for each.
     """
     touching, critical = None, critical_time_step
     is_stiffened = time_step is not None and (bool(problem.tools) or body_contact is not None)
@@ -114,11 +107,7 @@ def divided(span: TimeSpan, wanted: float) -> tuple[float, int]:
 
 
 def damped_time_step(critical_time_step: float, stiffness_damping: float) -> float:
-    """The longest stable step with stiffness damping [s].
-
-    Args:
-        critical_time_step: Without it, 2 / omega [s]; infinite where none is known.
-        stiffness_damping: beta [s], >= 0.
+    """The longest stable step with stiffness damping beta >= 0 [s], from 2 / omega without it [s].
 
     >>> damped_time_step(2.0, 0.0)
     2.0
@@ -149,13 +138,9 @@ def stiffened_time_step(
 def viscous_force(
     body: Body, displacement: Points, increment: Points, damping_over_step: float
 ) -> Points:
-    """Forces of S = beta / dt C : (E(a) - E(a - d)) [N], shape (num_points, 3).
+    """Forces of S = beta / dt C : (E(a) - E(a - d)) of a body [N], shape (num_points, 3).
 
-    Args:
-        body: Whose moduli at rest, strain measure and element these are.
-        displacement: a [m], shape (num_points, 3).
-        increment: d [m], shape (num_points, 3).
-        damping_over_step: beta / dt [-].
+    Of displacement a and increment d [m] and beta / dt [-].
     """
     H, D = body.displacement_gradients(displacement), body.displacement_gradients(increment)
     change = D

@@ -9,6 +9,7 @@ from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.triangles import facet_areas, facet_normals
 
 
 def external_force(problem: Problem, displacement: Points | None = None) -> Points:
@@ -30,7 +31,7 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
     for number, load in enumerate(problem.loads, start=1):
         match load:
             case Traction():
-                areas = np.linalg.norm(_area_vectors(mesh.points, load.facets), axis=1)
+                areas = facet_areas(mesh.points[load.facets])
                 if load.is_uniform:
                     parts = np.broadcast_to(np.asarray(load.traction) / 3.0, (len(areas), 3, 3))
                 else:
@@ -39,7 +40,7 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
                     np.add.at(force, load.facets[:, k], areas[:, None] * parts[:, k])
             case Pressure():
                 points = mesh.points if displacement is None else mesh.points + displacement
-                corner = -load.pressure * _area_vectors(points, load.facets) / 3.0
+                corner = -load.pressure * (0.5 * facet_normals(points[load.facets])) / 3.0
                 for k in range(3):
                     np.add.at(force, load.facets[:, k], corner)
             case PointForce():
@@ -62,7 +63,7 @@ def sum_at_points(values: Floats, rows: Indices, num_points: int) -> Floats:
 
 def lumped_areas(mesh: TetMesh, facets: Indices) -> Floats:
     """Rest area of these facets at points, a third for each corner [m2], shape (num_points,)."""
-    third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
+    third = facet_areas(mesh.points[facets]) / 3.0
     return sum_at_points(third, facets, mesh.num_points)
 
 
@@ -81,9 +82,3 @@ def _mean_with_corners(corners: Floats, load: Traction) -> Floats:
         parts[:, a] = t[:, a] / 30.0 - (t[:, b] + t[:, c]) / 60.0
         parts[:, a] += 2.0 / 15.0 * (m[:, a] + m[:, c]) + m[:, b] / 15.0
     return parts
-
-
-def _area_vectors(points: Points, facets: Indices) -> Points:
-    a, b, c = (points[facets[:, k]] for k in range(3))
-    vectors: Points = 0.5 * np.cross(b - a, c - a)
-    return vectors

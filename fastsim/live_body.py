@@ -381,11 +381,7 @@ class _TrackedSpring:
 
 
 class DriveLog:
-    """Record of the motion of tools and springs of a run, from its start.
-
-    Args:
-        problem: As it was before anything was moved.
-    """
+    """Record of the motion of tools and springs of a run, from its start."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem

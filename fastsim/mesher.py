@@ -367,11 +367,7 @@ def delaunay(points: Points) -> tuple[Indices, list[int]]:
 
 
 def require_boundary(facets: Indices, mesh: TetMesh) -> None:
-    """Refuse a mesh whose boundary, found from its cells alone, is not the surface.
-
-    Args:
-        facets: The surface's, by the mesh's points, shape (num_facets, 3).
-        mesh: What was made of it.
+    """Refuse a mesh whose boundary, found from its cells alone, is not the surface's facets.
 
     Raises:
         BoundaryRecoveryError: With the facets that are not there.

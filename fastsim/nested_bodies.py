@@ -51,14 +51,7 @@ class CrossingBodiesError(SurfaceError):
 
 @dataclass(frozen=True, eq=False)
 class _Bodies:
-    """Surfaces on common points.
-
-    Attributes:
-        names: Names of the surfaces.
-        points: [m].
-        facets: Facets of each surface.
-        parent: The innermost surface around each one, or -1.
-    """
+    """Named surfaces on common points [m], each with the innermost surface around it, or -1."""
 
     names: list[str]
     points: Points

@@ -68,11 +68,8 @@ def rounding_error(row_sums: Points, displacement: Points) -> float:
     """Norm of the nodal forces that rounding alone can leave [N].
 
     Differences of neighbouring displacements are exact to eps times these, and go into each force
-    with the stiffnesses of its row; slender bodies have large ones and small forces.
-
-    Args:
-        row_sums: Sums of magnitudes of the rows of the stiffness [N/m], shape (num_points, 3).
-        displacement: [m], shape (num_points, 3).
+    with the stiffnesses of its row, whose magnitudes sum up to `row_sums` [N/m], (num_points, 3);
+    slender bodies have large ones and small forces.
     """
     eps = float(np.finfo(float).eps)
     return 4.0 * eps * float(np.linalg.norm(row_sums * np.abs(displacement).max(axis=1)[:, None]))
@@ -94,7 +91,7 @@ class Newton:
         problem: Mesh, material, supports, loads and springs.
         strain: Strain measure.
         relative_tolerance: Relative residual at which to stop.
-        max_iterations: Largest number of iterations in one call of `solve`.
+        max_iterations: Of one call of `solve`.
         iteration: Consistent tangent, or the secant matrix of eq. 10.
         element: Plain or smoothed.
         is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
@@ -420,12 +417,9 @@ def smallest_stretches(body: Body, displacement: Points) -> Floats:
 def find_softening(
     body: Body, displacement: Points, solve: Callable[[Points], Points | None]
 ) -> Softening:
-    """Measure how far a body has softened at an equilibrium.
+    """Measure how far a body has softened at an equilibrium [m].
 
-    Args:
-        body: Mesh, material and strain.
-        displacement: The equilibrium [m], shape (num_points, 3).
-        solve: K x = b with the fixed components of x zero; None where K is not positive definite.
+    `solve` finds K x = b with fixed components of x zero; None where K is not positive definite.
     """
     mesh = body.mesh
     stretches = smallest_stretches(body, displacement)

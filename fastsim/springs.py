@@ -17,6 +17,7 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.spring import Spring
+from palpate.meshes.triangles import facet_areas
 
 # int N_a N_b N_c dA over A.
 _PARTS = np.array(
@@ -28,11 +29,7 @@ _PARTS = np.array(
 
 
 class PatchSprings:
-    """The springs of a problem on its mesh.
-
-    Args:
-        points: Points of the mesh at rest [m], shape (num_points, 3).
-        springs: The springs; may be empty.
+    """The springs of a problem, if any, on its mesh with points at rest [m].
 
     Attributes:
         facets: Facets of all patches, one after the other, shape (m, 3).
@@ -49,9 +46,7 @@ class PatchSprings:
             [np.zeros((0, 3), dtype=np.int32), *(spring.facets for spring in springs)]
         ).astype(np.int32)
         kappa = np.vstack([np.zeros((0, 3)), *(spring.densities(points) for spring in springs)])
-        corners = points[self.facets]
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        areas = 0.5 * np.linalg.norm(np.cross(first, second), axis=1)
+        areas = facet_areas(points[self.facets])
         K = areas[:, None, None] * np.einsum("abc,mc->mab", _PARTS, kappa)
         self.stiffnesses: Floats = np.ascontiguousarray(K.reshape(-1, 9))
         self.of_facet = np.repeat(np.arange(len(springs)), [len(s.facets) for s in springs])
@@ -62,12 +57,9 @@ class PatchSprings:
         return self._count
 
     def force(self, displacement: Points, anchors: Points, factors: Floats) -> Points:
-        """Force on the body [N], shape (num_points, 3).
+        """Force on the body [N], (num_points, 3), of displacements [m] of points and anchors.
 
-        Args:
-            displacement: [m], shape (num_points, 3).
-            anchors: Displacements of the springs' anchors [m], shape (num_springs, 3).
-            factors: On their stiffnesses [-], shape (num_springs,).
+        `factors` are those on their stiffnesses [-], shape (num_springs,).
         """
         apart = anchors[self.of_facet][:, None] - displacement[self.facets]
         at_corners = factors[self.of_facet, None, None] * (self._K @ apart)

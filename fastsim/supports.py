@@ -86,8 +86,7 @@ class FixedPoints:
     def at(self, factors: float | Sequence[float] | Floats) -> Points:
         """Displacements of the fixed components, 0 for the free ones [m], shape (num_points, 3).
 
-        Args:
-            factors: Part of the full size of all supports, or one for each.
+        `factors` are parts of the full size of all supports, or one for each.
         """
         supports = self._problem.supports
         each = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(supports))

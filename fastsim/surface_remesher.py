@@ -160,13 +160,9 @@ _CLOSE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ConservedVolume:
-    """Points moved to preserve the volume.
+    """Points moved to preserve the volume [m], and the surfaces' largest distance then [m].
 
-    Attributes:
-        points: [m], shape (num_points, 3).
-        distance: Distance of either surface from the other afterwards [m], where it is measured.
-        part: Fraction of the missing volume that was restored, 0 to 1; below 1 the distance was
-            the limit.
+    `part` of the missing volume was restored, 0 to 1; below 1 the distance was the limit.
     """
 
     points: Points
@@ -182,14 +178,9 @@ def keep_volume(
     distance: float,
     reached: float,
 ) -> ConservedVolume:
-    """Move points so that the volume is that of the given surface, within a distance of it.
+    """Move points [m] so that the volume is that of the given surface, within a distance [m] of it.
 
-    Args:
-        points: Points of the new surface [m], shape (num_points, 3).
-        facets: Shape (num_facets, 3).
-        given: Points and facets of the given surface.
-        distance: Largest allowed distance of either surface from the other [m].
-        reached: This distance before the move [m].
+    `given` are points and facets of the given surface, `reached` the distance before the move [m].
     """
     searched = _core.SurfaceDistance(*given)
     wanted = _volume(*given)
@@ -256,17 +247,13 @@ def _factor(points: Points, facets: Indices, moves: Points, wanted: float) -> fl
     while not is_beyond(high):
         high *= 1.5
         if high > _LARGEST_FACTOR:
-            return 0.0 if not _helps(points, facets, moves, wanted) else _LARGEST_FACTOR
+            after = _volume(points + _LARGEST_FACTOR * moves, facets)
+            return _LARGEST_FACTOR if abs(wanted - after) < abs(gap) else 0.0
     # Regula falsi by halves: the volume is a cubic of the factor.
     for _ in range(3 * _STEPS):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if is_beyond(middle) else (middle, high)
     return high
-
-
-def _helps(points: Points, facets: Indices, moves: Points, wanted: float) -> bool:
-    after = _volume(points + _LARGEST_FACTOR * moves, facets)
-    return abs(wanted - after) < abs(wanted - _volume(points, facets))
 
 
 def two_way_distance(
@@ -319,13 +306,9 @@ def mean_edge_length(points: Points, facets: Indices) -> float:
 def require_no_self_intersection(points: Points, facets: Indices, *, most: int) -> None:
     """Refuse facets that meet anywhere but at shared corners and edges, by exact tests.
 
-    Args:
-        points: [m], shape (num_points, 3).
-        facets: Shape (num_facets, 3).
-        most: Pairs that the error names at most: a surface on itself has millions.
-
     Raises:
-        SelfIntersectionError: With the pairs of facets.
+        SelfIntersectionError: With the pairs of facets, `most` of them at most: a surface on itself
+            has millions.
     """
     pairs = _core.find_self_intersections(points, facets, most)
     if len(pairs):

@@ -64,35 +64,23 @@ def condense(
     Raises:
         UnsupportedBodyError: The body can float.
         CondensedTooLargeError: It would need more memory; none has been allocated yet.
-        NotCondensableError: A load that depends on the displacement, or a touched point that is
-            fixed.
+        NotCondensableError: A touched point that is fixed.
 
     Note:
         Engineering strain: wrong where the body turns or strains much.
     """
     setup = CondensedSetup(problem, element, touched, seen)
-    return condense_setup(
-        setup,
-        precision=precision,
-        keep_inside=keep_inside,
-        most_bytes=most_bytes,
-        progress=progress,
-    )
+    return condense_setup(setup, precision, keep_inside, most_bytes, progress)
 
 
 def condense_setup(
     setup: CondensedSetup,
-    *,
     precision: CompliancePrecision,
     keep_inside: bool,
     most_bytes: int,
     progress: Callable[[str], None] | None,
 ) -> CondensedModel:
-    """Condense a body whose matrix has been set up; see `condense`.
-
-    Raises:
-        CondensedTooLargeError: It would need more memory than `most_bytes`.
-    """
+    """Condense a body whose matrix has been set up; see `condense`, and for what it raises."""
     size = setup.size(precision, keep_inside)
     if size.peak_bytes > most_bytes:
         raise CondensedTooLargeError(size.peak_bytes, most_bytes, str(size))
@@ -258,13 +246,7 @@ def condense_once(
             if model.inside is not None or not keep_inside:
                 tell(f"condensed before, on {model.made}: {path}")
                 return model
-    model = condense_setup(
-        setup,
-        precision=precision,
-        keep_inside=keep_inside,
-        most_bytes=most_bytes,
-        progress=progress,
-    )
+    model = condense_setup(setup, precision, keep_inside, most_bytes, progress)
     try:
         if path.is_symlink():  # writing would replace what it leads to
             raise OSError("a link")

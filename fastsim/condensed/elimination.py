@@ -42,15 +42,10 @@ class Condensed:
     offsets: list[Floats]
 
     def extend(self, kept: Floats, num_points: int, offsets: Floats | None = None) -> Floats:
-        """Displacements of all points from those of the retained ones.
+        """Displacements of all points, (3 num_points, n), from retained ones, (3 num_kept, n).
 
-        Args:
-            kept: Displacements of the retained points, shape (3 num_kept, n).
-            num_points: Number of points of the mesh.
-            offsets: Factor of each right-hand side, shape (num_columns, n); None is zero.
-
-        Returns:
-            Shape (3 num_points, n); 0 at points neither eliminated nor retained.
+        `offsets` are factors of the right-hand sides, (num_columns, n); None is zero. The result
+        is 0 at points neither eliminated nor retained.
         """
         found = np.zeros((3 * num_points, kept.shape[1]))
         found[components_of(self.dissection.kept)] = kept
@@ -78,7 +73,7 @@ def condense_matrix(
     keeps_couplings: bool,
     progress: Callable[[str], None] | None = None,
 ) -> Condensed:
-    """Eliminate all points that are not retained.
+    """Eliminate all points that are not retained, in the order of a dissection.
 
     Args:
         graph: Graph of the matrix.
@@ -87,9 +82,6 @@ def condense_matrix(
         dissection: The order.
         keeps_couplings: Whether to store the couplings that `Condensed.extend` needs.
         progress: Called with one line now and then.
-
-    Raises:
-        numpy.linalg.LinAlgError: A front that is singular.
     """
     kept = dissection.kept
     num_points = len(graph.row_start) - 1
@@ -198,12 +190,7 @@ _REAL = 8  # bytes
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Graph of the points of a matrix of 3 x 3 blocks, in compressed rows.
-
-    Attributes:
-        row_start: Where each row begins, shape (num_points + 1,).
-        columns: Ascending in each row.
-    """
+    """Graph of the points of a matrix of 3 x 3 blocks, in compressed rows of ascending columns."""
 
     row_start: NDArray[np.int64]
     columns: Indices
@@ -224,12 +211,9 @@ class Graph:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One front: points eliminated together, and the later ones that they act on.
+    """One front: points eliminated together, `own`, and those eliminated later that they act on.
 
-    Attributes:
-        own: Points eliminated here.
-        border: Points eliminated later, or retained, ascending.
-        children: Numbers of the nodes before it that add to its front.
+    `border` is ascending; `children` are the nodes before it that add to its front.
     """
 
     own: Indices
@@ -239,12 +223,7 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """Nodes in the order of their elimination.
-
-    Attributes:
-        nodes: Children before parents.
-        kept: Retained points, in the order in which they were given.
-    """
+    """Nodes in the order of elimination, children before parents; retained points as given."""
 
     nodes: tuple[Node, ...]
     kept: Indices
@@ -281,14 +260,7 @@ class Dissection:
 
 
 def dissect(points: Points, graph: Graph, eliminated: Indices, kept: Indices) -> Dissection:
-    """Order points for elimination.
-
-    Args:
-        points: Positions [m], shape (num_points, 3).
-        graph: Graph of the matrix.
-        eliminated: Points to eliminate.
-        kept: Points to retain; none of `eliminated`.
-    """
+    """Order points for elimination by their positions [m] and the graph of the matrix."""
     nodes: list[Node] = []
     # 0 for points without a part in it, 1 for those to eliminate, 2 for retained ones.
     state = np.zeros(len(points), dtype=np.int8)

@@ -341,10 +341,7 @@ def _cut(numbers: Floats, shapes: Sequence[tuple[int, int]]) -> list[Floats]:
 def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Points:
     """Displacement of all points from that of the touched ones [m], shape (num_points, 3).
 
-    Args:
-        model: With its inside.
-        touched: Displacement of the touched points [m], shape (num_touched, 3).
-        factors: Factors of the loads and of each term; displacements of the anchors [m].
+    `factors` are those of the loads and of each term, then displacements of the anchors [m].
     """
     assert model.inside is not None
     problem = model.problem

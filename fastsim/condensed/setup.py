@@ -18,13 +18,6 @@ from palpate.fastsim.forces import external_force, lumped_areas
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import FixedPoints, turning
 from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
-from palpate.meshes.boundary_conditions import (
-    BodyForce,
-    PointForce,
-    Pressure,
-    Support,
-    Traction,
-)
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -48,10 +41,8 @@ class CompliancePrecision(StrEnum):
 class SupportTerm(NamedTuple):
     """A part of a support's movement that has a factor of its own.
 
-    Attributes:
-        support: Number of the support, from 0.
-        kind: 0 is its displacement, with its factor s; 1 and 2 are its turn by an angle,
-            sin(s angle) across and 1 - cos(s angle) inwards.
+    Of kind 0 its displacement, with its factor s; 1 and 2 its turn by an angle, sin(s angle) across
+    and 1 - cos(s angle) inwards. `support` counts from 0.
     """
 
     support: int
@@ -102,7 +93,7 @@ class CondensedSetup:
         touched: ArrayLike | None,
         seen: ArrayLike | None,
     ) -> None:
-        _require_condensable(problem)
+        require_supported(problem)
         mesh = problem.mesh
         self.problem, self.element = problem, element
         self._supports = FixedPoints(problem)
@@ -210,7 +201,8 @@ class CondensedSetup:
         self.terms = tuple(
             SupportTerm(number, kind)
             for number, support in enumerate(problem.supports)
-            for kind in _kinds_of(support)
+            for kind in (0, 1, 2)
+            if (any(support.displacement) if kind == 0 else support.rotation is not None)
         )
         self.prescribed_fields = prescribed_fields_of(problem, supports, self.terms)
         load = supports.to_local(external_force(problem))
@@ -231,11 +223,6 @@ def surface_points(problem: Problem) -> Indices:
     is_free = FixedPoints(problem).is_free.any(axis=1)
     found: Indices = np.flatnonzero((lumped_areas(mesh, mesh.boundary_facets) > 0.0) & is_free)
     return found.astype(np.int32)
-
-
-def _kinds_of(support: Support) -> tuple[int, ...]:
-    first = (0,) if any(support.displacement) else ()
-    return first if support.rotation is None else (*first, 1, 2)
 
 
 def prescribed_fields_of(
@@ -292,27 +279,12 @@ def _anchor_pulls(problem: Problem, springs: PatchSprings) -> Iterator[Points]:
             yield springs.force(at_rest, anchors, np.ones(len(springs)))
 
 
-def _require_condensable(problem: Problem) -> None:
-    require_supported(problem)
-    for number, load in enumerate(problem.loads, start=1):
-        if not isinstance(load, Traction | Pressure | PointForce | BodyForce):
-            raise NotCondensableError(
-                f"load {number} ({type(load).__name__}) depends on the displacement; the condensed "
-                "model takes forces that do not"
-            )
-
-
 class NotCondensableError(InputError):
     """A problem that the condensed linear model cannot pose; the message says what to do."""
 
 
 class CondensedTooLargeError(InputError):
-    """More memory than is allowed; raised before any of it is allocated.
-
-    Attributes:
-        needed_bytes: While the model is built.
-        allowed_bytes: The limit.
-    """
+    """More memory than is allowed, before any is allocated; `.needed_bytes`, `.allowed_bytes`."""
 
     def __init__(self, needed_bytes: int, allowed_bytes: int, about: str) -> None:
         self.needed_bytes = needed_bytes
@@ -327,9 +299,7 @@ class CondensedTooLargeError(InputError):
 class UnsettledContactError(FastsimError):
     """A step in which contact did not settle; the model is as it was before the step.
 
-    Attributes:
-        iterations: Newton iterations of the step.
-        error: Gap or displacement by which the last of them was wrong [m].
+    `.iterations` of Newton's method, `.error` by which the last gap or displacement was wrong [m].
     """
 
     def __init__(self, iterations: int, error: float) -> None:

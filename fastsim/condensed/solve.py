@@ -98,13 +98,17 @@ def solve_condensed(
     surface = surface_points(problem)
     pushed = _surface_force(problem, surface)
     touched = np.flatnonzero(np.any(pushed != 0.0, axis=1)).astype(np.int32)
-    if problem.tools:
-        touched = np.union1d(touched, _touched_by_tools(problem)).astype(np.int32)
+    for tool in problem.tools:
+        touched = np.union1d(touched, ToolContact(problem, tool).vertices).astype(np.int32)
     if not len(touched):
         touched = surface[:1]
+    # Nodal forces that are not pushed are loads of the model.
+    rest = external_force(problem) - pushed
+    points = np.flatnonzero(np.any(rest != 0.0, axis=1)).astype(np.int32)
+    loads = (PointForce(points, rest[points]),) if len(points) else ()
     make = condense if folder is None else partial(condense_once, folder)
     model = make(
-        _with_the_rest(problem, pushed),
+        dataclasses.replace(problem, loads=loads),
         element=element,
         touched=touched,
         seen=touched,
@@ -159,21 +163,19 @@ class _Way:
     def go(self) -> StepState:
         """To the end of the paths."""
         knots = np.unique(np.concatenate([path.times for path in self._paths]))
-        state = self._first(float(knots[0]))
+        first = float(knots[0])
+        try:
+            state = self._step(first)
+        except UnsettledContactError as error:
+            raise ContactLostError(first, str(error), None) from error
         for begin, end in pairwise(knots.tolist()):
             state = self._between(begin, end, state)
             if self._progress:
                 self._progress(f"t = {end:.4g}: {state.touching} vertices touch")
         return state
 
-    def _first(self, time: float) -> StepState:
-        try:
-            return self._step(time)
-        except UnsettledContactError as error:
-            raise ContactLostError(time, str(error), None) from error
-
     def _between(self, begin: float, end: float, state: StepState) -> StepState:
-        longest = min(self._longest(tool_number) for tool_number in range(len(self._paths)))
+        longest = _PART_OF_THICKNESS * min(half_thickness(t.shape) for t in self.steps.tools)
         lengths = [
             float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))
             for path in self._paths
@@ -190,10 +192,6 @@ class _Way:
                     raise ContactLostError(time, str(error), None) from error
         return state
 
-    def _longest(self, number: int) -> float:
-        """Largest way of a tool in a step [m]."""
-        return _PART_OF_THICKNESS * half_thickness(self.steps.tools[number].shape)
-
     def _step(self, time: float) -> StepState:
         state = self.steps.step([path.pose_at(time) for path in self._paths])
         self.count += 1
@@ -209,12 +207,6 @@ def _result(
     )
 
 
-def _touched_by_tools(problem: Problem) -> Indices:
-    every = [ToolContact(problem, tool).vertices for tool in problem.tools]
-    found: Indices = np.unique(np.concatenate(every))
-    return found
-
-
 def _surface_force(problem: Problem, surface: Indices) -> Points:
     """Tractions, pressures and point forces at these points [N], shape (num_points, 3)."""
     loads = tuple(x for x in problem.loads if isinstance(x, Traction | Pressure | PointForce))
@@ -222,11 +214,3 @@ def _surface_force(problem: Problem, surface: Indices) -> Points:
     force = np.zeros_like(given)
     force[surface] = given[surface]
     return force
-
-
-def _with_the_rest(problem: Problem, pushed: Points) -> Problem:
-    """The problem with those of its nodal forces that are not pushed."""
-    rest = external_force(problem) - pushed
-    points = np.flatnonzero(np.any(rest != 0.0, axis=1)).astype(np.int32)
-    loads = (PointForce(points, rest[points]),) if len(points) else ()
-    return dataclasses.replace(problem, loads=loads)

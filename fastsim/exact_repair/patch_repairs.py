@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.surface_remesher import facet_distances
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
 from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
-from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths
+from palpate.meshes.triangles import (
+    edge_uses,
+    facet_normals,
+    side_lengths,
+    unit_normals_at_points,
+)
 
 Mask = NDArray[np.bool_]
 # Rings around the facets that cross: a fold is a few facets wide.
@@ -27,13 +32,9 @@ _SPREAD, _SPREAD_RINGS = 0.6, 3
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """A surface, or the part of one in which a patch lies.
+    """A surface, or the part of one in which a patch of at most `most_facets` facets lies.
 
-    Attributes:
-        points: [m].
-        facets: Facets of the part.
-        is_fixed: Points where the surface continues, which stay fixed, shape (num_points,).
-        most_facets: Largest number of facets of a patch.
+    Points `is_fixed` where the surface continues, shape (num_points,).
     """
 
     points: Points
@@ -74,15 +75,11 @@ def pulled_apart(
 ) -> Attempt | None:
     """Facets that cross moved along their normals step by step: walls outwards, lobes inwards.
 
-    Args:
-        part: In which they lie.
-        rows: Facets that cross.
-        outwards: Along the normals, or against them.
-        most: Largest movement of a point [m].
+    `rows` are the facets that cross; no point moves further than `most` [m].
     """
     points, facets = part.points, part.facets
     step = _STEP * float(side_lengths(points[facets[rows]]).mean())
-    normals = _point_normals(points, facets)
+    normals = unit_normals_at_points(points, facets)
     edges = edges_of(facets)
     moved, bad, counts = points.copy(), rows, list[int]()
     for _ in range(_MOST_STEPS):
@@ -181,21 +178,6 @@ def _rim_loops(patch: Indices) -> list[list[int]] | None:
             at = follows.pop(at)
         loops.append(loop)
     return loops
-
-
-def _point_normals(points: Points, facets: Indices) -> Points:
-    vectors = facet_normals(points[facets])
-    total = np.column_stack(
-        [
-            sum(
-                np.bincount(facets[:, k], vectors[:, axis], minlength=len(points)) for k in range(3)
-            )
-            for axis in range(3)
-        ]
-    )
-    lengths: Floats = np.linalg.norm(total, axis=1, keepdims=True)
-    normals: Points = total / np.where(lengths > 0.0, lengths, 1.0)
-    return normals
 
 
 # Largest number of pairs to consider; the first ones are enough.

@@ -35,13 +35,7 @@ _EDGES = 2.0
 
 @dataclass(frozen=True, eq=False)
 class RepairedSolid:
-    """A surface, what was done to it, and the facets of its caps.
-
-    Attributes:
-        surface: [m].
-        lines: Report of the repairs, a line for each.
-        caps: Facets, by their number in the surface, of "cap 1" (on the longest loop), "cap 2", ...
-    """
+    """A surface, a line for each repair, and facets of its caps, "cap 1" on the longest loop."""
 
     surface: TriSurface
     lines: list[str] = field(default_factory=list)
@@ -175,15 +169,10 @@ class UntangleReport:
 def untangle(
     surface: TriSurface, *, distance: float
 ) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
-    """Repair a surface where it cuts itself.
+    """Repair a closed, consistently oriented surface where it cuts itself.
 
-    Args:
-        surface: Closed and consistently oriented [m]; facets have an area.
-        distance: How far the two surfaces may be apart, > 0 [m].
-
-    Returns:
-        A surface without crossings, what was done, and of each facet its number before, or -1 of
-        a new one, shape (num_facets,).
+    Returns a surface without crossings, at most `distance` [m] from the given one, what was done,
+    and of each facet its number before, or -1 of a new one, shape (num_facets,).
 
     Raises:
         EntangledError: Not within the distance.

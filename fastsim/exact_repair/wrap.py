@@ -100,7 +100,10 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
     """
     if not 0.0 < distance < math.inf:
         raise InputError(f"wrap distance {distance:g} m: needs a finite value above 0")
-    facets = _with_area(surface)
+    # Those with an area.
+    longest = np.ptp(surface.points[surface.facets], axis=1).max(axis=1, initial=0.0)
+    double_area = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
+    facets = surface.facets[double_area > np.finfo(float).eps * longest**2]
     if not len(facets):
         raise EmptySurfaceError("the surface has no facets with an area; there is nothing to wrap")
     used, facets = np.unique(facets, return_inverse=True)
@@ -128,7 +131,9 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
             "distance, turned inwards, or facing both ways; take less, or turn them round",
             distance,
         )
-    new = _better(_compact(positions, rows), _MOVES * distance, _EDGE * spacing)
+    used, rows = np.unique(rows, return_inverse=True)
+    grid = TriSurface(positions[used], rows.reshape(-1, 3).astype(np.int32))
+    new = _better(grid, _MOVES * distance, _EDGE * spacing)
     report = _measure(points, facets, new, distance)
     return TriSurface(new.points + origin, new.facets), report
 
@@ -145,19 +150,6 @@ def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> 
             f"{_MOST_CUBES}; {enough:.3g} m would do",
             distance,
         )
-
-
-def _with_area(surface: TriSurface) -> Indices:
-    longest = np.ptp(surface.points[surface.facets], axis=1).max(axis=1, initial=0.0)
-    double_area = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
-    has_area = double_area > np.finfo(float).eps * longest**2
-    facets: Indices = surface.facets[has_area]
-    return facets
-
-
-def _compact(points: Points, facets: Indices) -> TriSurface:
-    used, rows = np.unique(facets, return_inverse=True)
-    return TriSurface(points[used], rows.reshape(-1, 3).astype(np.int32))
 
 
 def _better(surface: TriSurface, moves: float, edge: float) -> TriSurface:

@@ -31,9 +31,8 @@ _TOOL_STEP = 13  # numbers
 class Plan:
     """Factors and tools for the steps of a body: a row before each step, and one for the end.
 
-    Attributes:
-        factors: Factors of the body's histories [-], shape (num_steps + 1, num_histories).
-        tools: Poses and drives of its tools, shape (num_steps + 1, 13 num_tools).
+    Factors of its histories [-], (num_steps + 1, num_histories); poses and drives of its tools,
+    (num_steps + 1, 13 num_tools).
     """
 
     factors: Floats
@@ -55,10 +54,10 @@ class Outcome:
 
 
 class BatchRun:
-    """Bodies on one mesh in explicit motion on a device.
+    """Bodies on one mesh, with the same strain and element, in explicit motion on a device.
 
     Args:
-        bodies: One or more, with the same mesh, strain and element.
+        bodies: One or more.
         device: "warp:cpu" or "cuda:0".
         precision: "float32" or "float64".
         is_repeatable: Two runs have the same bits; else forces are added in any order, which

@@ -68,15 +68,9 @@ def mesh_arrays(
 ) -> Any:
     """Arrays for the forces of cells: the mesh at rest, and values passed between launches.
 
-    Points keep the caller's numbers. Cells are sorted along Morton's curve through their centres,
-    so that neighbours in a launch share points in the cache.
-
-    Args:
-        make: Makes them.
-        body: Any one of the batch.
-        kinds: Of each cell, its row of the moduli.
-        num_bodies: Number of bodies.
-        is_atomic: Forces are added by atomic operations.
+    Points keep the caller's numbers. Cells, each with its row of the moduli in `kinds`, are sorted
+    along Morton's curve through their centres, so that neighbours in a launch share points in the
+    cache.
     """
     mesh = body.mesh
     order = morton_order(mesh.points[mesh.cells].mean(axis=1))

@@ -21,15 +21,7 @@ if TYPE_CHECKING:
 class DeviceRun:
     """Collects loads, supports and tools, and becomes a batch of one body at its first use.
 
-    In a batch of several bodies, `join` gives it its number instead.
-
-    Args:
-        problem: With the tools.
-        body: The body at rest.
-        mass: Lumped [kg], shape (num_points,).
-        is_free: 1 where free, shape (num_points, 3).
-        device, precision, is_repeatable, tracks_energy: See `BatchRun`.
-        time_step, mass_damping, displacement_limit: [s], [1/s], [m].
+    In a batch of several bodies, `join` gives it its number instead. Options: see `BatchRun`.
 
     Raises:
         UnsupportedOnDeviceError: A law, contact or tool that only the core has.

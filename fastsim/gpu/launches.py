@@ -31,17 +31,10 @@ def kernels_of(wp: Any, precision: str) -> SimpleNamespace:
 
 
 class Launches:
-    """Arrays of a batch on a device, and the launches over them.
+    """Arrays of a batch on a device, by its name in Warp, and the launches over them.
 
-    Args:
-        wp: Warp.
-        device: Its name in Warp.
-        precision: "float32" or "float64".
-        bodies: All on one mesh.
-        kinds: Of each cell, its row of the moduli.
-        moduli: lmbda and mu of each body and kind [Pa], shape (num_bodies, 2 num_kinds).
-        is_atomic: Forces are added by atomic operations, in any order.
-        tracks_energy: Whether to compute the balance of energy.
+    `kinds` is for each cell its row of the moduli: lmbda and mu of each body and kind [Pa], shape
+    (num_bodies, 2 num_kinds). If `is_atomic`, forces are added in any order.
     """
 
     def __init__(

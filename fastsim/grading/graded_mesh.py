@@ -67,7 +67,12 @@ class GradedMesh:
         Args:
             marked: Which cells of `mesh`, shape (num_cells,) of bool.
         """
-        self._core.refine(self._checked(marked))
+        flags = np.asarray(marked)
+        if flags.shape != (len(self.cells),) or flags.dtype != np.bool_:
+            raise InputError(
+                f"marks need shape ({len(self.cells)},) of bool, got {flags.shape} of {flags.dtype}"
+            )
+        self._core.refine(np.ascontiguousarray(flags).astype(np.uint8))
         self._refresh()
 
     def carry_points(self, rows: ArrayLike) -> Indices:
@@ -129,14 +134,6 @@ class GradedMesh:
         self.point_parents: Indices = self._core.point_parents()
         self._mesh = None
 
-    def _checked(self, marked: ArrayLike) -> NDArray[np.uint8]:
-        flags = np.asarray(marked)
-        if flags.shape != (len(self.cells),) or flags.dtype != np.bool_:
-            raise InputError(
-                f"marks need shape ({len(self.cells)},) of bool, got {flags.shape} of {flags.dtype}"
-            )
-        return np.ascontiguousarray(flags).astype(np.uint8)
-
     def _number_of(self, facets: NDArray[Any]) -> NDArray[np.int64]:
         """Row of each facet among the followed ones, -1 for others."""
         wanted = np.sort(facets, axis=1).astype(np.int64)
@@ -162,11 +159,8 @@ class GradedMesh:
 def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
     """The same problem on the refined mesh: the same regions are fixed, loaded and touched.
 
-    Forces on single points stay on their points, which keep their numbers.
-
-    Args:
-        problem: On the mesh that `graded` began with.
-        graded: That mesh, refined.
+    It is on the mesh that `graded` began with. Forces on single points stay on their points, which
+    keep their numbers.
     """
 
     def cells(chosen: Indices) -> Indices:
@@ -204,10 +198,6 @@ def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
 
     The root of the integral of (S* - S) : C^-1 : (S* - S) over the rest cell, S* linear between
     recovered values at the points. An indicator, not a bound: it finds where to refine.
-
-    Args:
-        body: Mesh, material and strain.
-        displacement: [m], shape (num_points, 3), finite.
     """
     mesh = body.mesh
     stress = cell_stress(body, displacement)
@@ -232,12 +222,7 @@ def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
 
 
 def mark_largest(errors: ArrayLike, *, part: float = 0.5) -> NDArray[np.bool_]:
-    """The fewest cells that make up a fraction of the squared error (Doerfler 1996).
-
-    Args:
-        errors: Errors of each cell, >= 0, shape (num_cells,).
-        part: Above 0, at most 1.
-    """
+    """The fewest cells that make up a part, at most 1, of the squared error (Doerfler 1996)."""
     squared = np.asarray(errors, dtype=np.float64) ** 2
     if not 0.0 < part <= 1.0:
         raise InputError(f"part = {part:g}: needs a value above 0, at most 1")

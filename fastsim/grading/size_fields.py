@@ -86,12 +86,7 @@ def grow_with_distance(
 
 
 def refine_to_size(graded: GradedMesh, size: SizeField, *, max_cells: int = 5_000_000) -> None:
-    """Bisect until no cell's edges are on average longer than the field asks for at its middle.
-
-    Args:
-        graded: The mesh to refine; it is changed.
-        size: Edge lengths [m].
-        max_cells: Largest number of cells.
+    """Bisect until no cell's edges are on average longer than the field [m] asks for at its middle.
 
     Raises:
         TooManyCellsError: The field asks for more; the mesh is left as refined until then.
@@ -140,18 +135,13 @@ def grid_of_sizes(points: Points, largest: float, field: SizeField | None) -> _c
 def sample_sizes(
     field: SizeField, low: Points, high: Points, *, largest: float, max_cells: int
 ) -> _core.SizeGrid:
-    """Sample a size field over a box: cubes are halved where it is smaller than they are.
+    """Sample a size field [m] over a box: cubes are halved where it is smaller than they are.
 
-    Args:
-        field: Wanted edge lengths [m].
-        low: Corner of the box [m], shape (3,).
-        high: The opposite corner [m].
-        largest: Edge of the coarsest cubes, and the largest size [m].
-        max_cells: Approximate limit for a mesh of the whole box with those sizes.
+    `largest` is the edge of the coarsest cubes, and the largest size [m].
 
     Raises:
         InputError: A size that is not above 0, or not one value for each position.
-        TooManyCellsError: The field asks for more than `max_cells`.
+        TooManyCellsError: A mesh of the whole box would have more than about `max_cells`.
     """
     count = np.maximum(1, np.ceil((high - low) / largest)).astype(np.int64)
     cubes = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1)
