@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case, load_case
 from palpate.validation.judging.case_references import find_references
@@ -56,7 +56,7 @@ def sending(make, **options) -> Candidate:
     def solve(problem, strain, _progress):
         return state_of(problem, make(problem, strain), strain, **options)
 
-    return Candidate("mine", solve)
+    return Candidate("mine", solve, element=options.get("element", Element.LINEAR))
 
 
 def judged_by(references: ReferenceSet, monkeypatch, case: Case, **options) -> CaseResult:

@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.schemes import Integrator
+from palpate.validation.candidates.equations import AskedSteps
 from palpate.validation.candidates.fastsim import (
     CONDENSED,
     CORE,
@@ -63,7 +64,8 @@ class Candidate:
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
-        element: Its tetrahedra, where its result states no others.
+        element: Its tetrahedra, by which it is judged whatever its result states.
+        asked: The scheme and step that its motions are judged by.
         only_strain: The one strain measure that it knows, whatever the case's; None asks for the
             case's.
         refusal: Why it cannot be asked a problem; empty where it can.
@@ -77,6 +79,7 @@ class Candidate:
     notes: tuple[str, ...] = ()
     can_be_asked: bool = True
     element: Element = Element.LINEAR
+    asked: AskedSteps = field(default_factory=AskedSteps)
     only_strain: Strain | None = None
     refusal: Callable[[Problem], str] = lambda _problem: ""
     steps_without_lock: bool = False
@@ -162,8 +165,8 @@ def candidates_for(
     Args:
         command: The program; fastsim where None.
         time_limit: Time limit of the program [s].
-        elements: Elements of fastsim; linear where None.
-        integrator: Scheme of the program, where its result states none; see `OutsideSimulator`.
+        elements: Elements of fastsim, or the one that the program is judged by; linear where None.
+        integrator: Scheme that the program is judged by; see `OutsideSimulator`.
         time_step: Time step that the program is asked for instead of the case's [s].
         iterations: Number for {iterations} in its command.
         device: Device of fastsim's explicit steps; see `fastsim_candidate`.
@@ -192,13 +195,10 @@ def candidates_for(
         raise InputError("--with is of fastsim; another simulator is named by --simulator alone")
     if device != CORE:
         raise InputError("--device is of fastsim; another simulator has its own: leave it out")
-    if elements is not None:
-        raise InputError(
-            f"element = {elements}: only fastsim is asked for one; another simulator says in its "
-            'result what it has, `about`: {"element": "smoothed"}'
-        )
+    if elements is Elements.BOTH:
+        raise InputError("element = both: is of fastsim; say which one another simulator has")
     program = OutsideSimulator(command, time_limit, iterations, integrator, time_step)
-    return [outside_candidate(program)]
+    return [outside_candidate(program, (elements or Elements.LINEAR).each[0])]
 
 
 def candidate_name(name: str) -> str:
@@ -207,53 +207,72 @@ def candidate_name(name: str) -> str:
     return f"{shown} (candidate)" if shown.casefold().startswith(REFERENCE) else shown
 
 
-def outside_candidate(simulator: OutsideSimulator) -> Candidate:
-    """A program that reads a case folder and writes a result."""
+def outside_candidate(simulator: OutsideSimulator, element: Element = Element.LINEAR) -> Candidate:
+    """A program that reads a case folder and writes a result, judged by an element."""
     name = candidate_name(simulator.name)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         given = simulator.stepped(problem)
         result, seconds = simulator.run(given, strain, progress)
-        result = dataclasses.replace(result, about={**simulator.about, **result.about})
-        details = {"command": simulator.command}
-        return state_of_result(result, given, name, strain, seconds=seconds, details=details)
+        if simulator.iterations is not None:
+            about = {"iterations": simulator.iterations, **result.about}
+            result = dataclasses.replace(result, about=about)
+        return state_of_result(
+            result,
+            given,
+            name,
+            strain,
+            element=element,
+            asked=simulator.asked,
+            seconds=seconds,
+            details={"command": simulator.command},
+        )
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
-    return Candidate(name, solve, notes=(note,))
+    return Candidate(name, solve, notes=(note,), element=element, asked=simulator.asked)
 
 
-def result_candidate(path: str | Path, element: Element | None = None) -> Candidate:
+def result_candidate(
+    path: str | Path, element: Element | None = None, asked: AskedSteps | None = None
+) -> Candidate:
     """A result file that somebody brings.
 
     Args:
         path: Path of the file.
-        element: What its tetrahedra are, where it does not say so itself.
+        element: The tetrahedra that it is judged by; linear where None.
+        asked: The scheme and step that it is judged by; the case's where None.
     """
-    name = candidate_name(Path(path).stem)
+    name, kind, steps = candidate_name(Path(path).stem), element or Element.LINEAR, asked
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")
         result = read_result(path, most_bytes=room_for_result(problem))
-        if element is not None:
-            result = dataclasses.replace(result, about={"element": element.value, **result.about})
-        return state_of_result(result, problem, name, strain)
+        return state_of_result(result, problem, name, strain, element=kind, asked=steps)
 
-    notes = (f"Result: {Path(path).name}.",)
-    used = element or Element.LINEAR
-    return Candidate(name, solve, notes=notes, can_be_asked=False, element=used)
+    return Candidate(
+        name,
+        solve,
+        notes=(f"Result: {Path(path).name}.",),
+        can_be_asked=False,
+        element=kind,
+        asked=steps or AskedSteps(),
+    )
 
 
-def function_candidate(function: Function) -> Candidate:
+def function_candidate(
+    function: Function, element: Element | None = None, asked: AskedSteps | None = None
+) -> Candidate:
     """A function as a candidate; whatever it raises is its failure, SystemExit among it.
 
     It gets a copy of the problem, so that nothing that it changes there is judged by. An interrupt
     that comes as a signal while it runs is the user's, and ends the program; `os._exit` does too.
     """
     name = candidate_name(getattr(function, "__name__", type(function).__name__))
+    kind, steps = element or Element.LINEAR, asked or AskedSteps()
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
-        given, has_returned = copy.deepcopy(problem), False
+        given, has_returned = copy.deepcopy(steps.stepped(problem)), False
         with _noted_interrupts() as interrupts:
             try:
                 displacement = function(given)
@@ -264,9 +283,9 @@ def function_candidate(function: Function) -> Candidate:
                 if interrupts or (has_returned and isinstance(error, ResultFileError)):
                     raise
                 raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
-        return _state(displacement, problem, name, strain)
+        return _state(displacement, problem, name, strain, kind, steps)
 
-    return Candidate(name, solve)
+    return Candidate(name, solve, element=kind, asked=steps)
 
 
 @contextmanager
@@ -290,10 +309,18 @@ def _noted_interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, handler)
 
 
-def solution_candidate(solution: str | Path | State | ArrayLike) -> Candidate:
-    """A solution as a candidate: a result file, a state, or displacements in memory."""
+def solution_candidate(
+    solution: str | Path | State | ArrayLike,
+    element: Element | None = None,
+    asked: AskedSteps | None = None,
+) -> Candidate:
+    """A solution as a candidate: a result file, a state, or displacements in memory.
+
+    It is judged by the element, scheme and step that are given, not by what a state says it has.
+    """
+    kind, steps = element or Element.LINEAR, asked or AskedSteps()
     if isinstance(solution, str | Path):
-        return result_candidate(solution)
+        return result_candidate(solution, kind, steps)
     if isinstance(solution, State):
         # Its own label would be taken for the reference's.
         name = candidate_name(solution.label)
@@ -305,14 +332,15 @@ def solution_candidate(solution: str | Path | State | ArrayLike) -> Candidate:
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name} is looked at")
-        return _state(given, problem, name, strain, like=solution)
+        return _state(given, problem, name, strain, kind, steps, like=solution)
 
-    return Candidate(name, solve, can_be_asked=False)
+    return Candidate(name, solve, can_be_asked=False, element=kind, asked=steps)
 
 
 def _state(
-    displacement: ArrayLike, problem: Problem, name: str, strain: Strain, like: object = None
-) -> State:
+    displacement: ArrayLike, problem: Problem, name: str, strain: Strain,
+    element: Element, asked: AskedSteps, like: object = None,
+) -> State:  # fmt: skip
     """Displacements as a state, checked as those of a result file are."""
     num_points = problem.mesh.num_points
     span = problem.time
@@ -332,7 +360,7 @@ def _state(
             about["tool_forces"] = like.tool_forces
     values = values.reshape(-1, num_points, 3)
     result = ResultFile(Path(name), values, are_positions=False, times=times, about=about)
-    return state_of_result(result, problem, name, strain)
+    return state_of_result(result, problem, name, strain, element=element, asked=asked)
 
 
 def _numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:

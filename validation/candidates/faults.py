@@ -203,7 +203,14 @@ def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
             about=_about(dataclasses.replace(right, tool_forces=forces)),
         )
         return state_of_result(
-            changed, problem, candidate.name, strain, seconds=right.seconds, details=right.details
+            changed,
+            problem,
+            candidate.name,
+            strain,
+            element=candidate.element,
+            asked=candidate.asked,
+            seconds=right.seconds,
+            details=right.details,
         )
 
     note = f"A fault is seeded into the candidate: {fault}, {fault.meaning}."
@@ -244,7 +251,10 @@ def on_own_mesh(candidate: Candidate) -> Candidate:
             points=finer.mesh.points[::-1].copy(),
             cells=(last - finer.mesh.cells).astype(np.int64),
         )
-        return state_of_result(result, problem, candidate.name, strain)
+        return state_of_result(
+            result, problem, candidate.name, strain,
+            element=candidate.element, asked=candidate.asked,
+        )  # fmt: skip
 
     return dataclasses.replace(
         candidate, name=f"{candidate.name}, own mesh", solve=solve, notes=candidate.notes
@@ -268,11 +278,9 @@ def as_result(state: State) -> ResultFile:
 
 def _about(state: State) -> dict[str, object]:
     """A simulator's statements of itself that matter to how its result is judged."""
-    about: dict[str, object] = {}
+    about: dict[str, object] = dict(state.says)
     if state.tool_forces is not None:
         about["tool_forces"] = state.tool_forces
-    if state.steps is not None:
-        about |= {"integrator": state.steps.integrator, "time_step": state.steps.time_step}
     if state.element is not Element.LINEAR:
-        about["element"] = state.element.value
+        about.setdefault("element", state.element.value)
     return about

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.schemes import Steps, read_integrator
+from palpate.validation.candidates.equations import AskedSteps, steps_of_result
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.exchange.placement import MatchedResult, match_points
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
@@ -28,10 +27,22 @@ def state_of_result(
     name: str,
     strain: Strain,
     *,
+    element: Element = Element.LINEAR,
+    asked: AskedSteps | None = None,
     seconds: float = 0.0,
     details: Mapping[str, object] | None = None,
 ) -> State:
     """What a simulator sent, as a state of the problem: its last one where it has times.
+
+    Args:
+        result: What it sent.
+        problem: The problem.
+        name: The label of its state.
+        strain: The strain measure that it was asked for.
+        element: The tetrahedra that it is judged by, whatever it states.
+        asked: The scheme and step that it was asked for, its own where it states none.
+        seconds: Of its run [s].
+        details: See `State`.
 
     Raises:
         ResultFileError: It is of another case, cannot be matched, or its times do not fit.
@@ -43,7 +54,6 @@ def state_of_result(
         )
     matched = match_points(result, problem)
     stated = dict(result.about)
-    is_smoothed = stated.get("element") == Element.SMOOTHED
     state = make_state(
         problem.mesh,
         matched.displacement[-1],
@@ -54,10 +64,10 @@ def state_of_result(
         details=details or {},
         remarks=matched.notes,
         tool_forces=_tool_forces(result, stated.pop("tool_forces", None)),
-        element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
+        element=element,
         says=stated,
         sent_stress=matched.cauchy_stress if matched.own_mesh is None else None,
-        steps=_steps(result, problem),
+        steps=steps_of_result(problem, stated, asked or AskedSteps()),
     )
     if problem.time is not None:
         return _with_motion(state, problem.mesh, problem.time, result, matched)
@@ -135,27 +145,6 @@ def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]
     if num_late:
         remarks.append(f"{num_late} of {len(times)} states come after the end: not judged.")
     return remarks
-
-
-def _steps(result: ResultFile, problem: Problem) -> Steps | None:
-    """Scheme and time step that the result states; None in statics, and where it states no scheme.
-
-    Raises:
-        ResultFileError: An unknown scheme, or no step that could be meant.
-    """
-    scheme, span = result.about.get("integrator"), problem.time
-    if span is None or scheme is None:
-        return None
-    step = result.about.get("time_step", span.time_step)
-    if not isinstance(step, int | float):
-        raise ResultFileError(
-            result.path,
-            f"`about` names the integrator {scheme!r} but no time_step [s], and nor does the case",
-        )
-    try:
-        return Steps(read_integrator(str(scheme)), float(step))
-    except InputError as error:
-        raise ResultFileError(result.path, f"`about`: {error}") from error
 
 
 def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | None:

@@ -1,12 +1,11 @@
 """What a result of a case is judged against: the reference that is stored, or solved here.
 
-On the same mesh it is stepped as the candidate states that it steps, so that what is left is the
-solver's.
+On the same mesh it is stepped as the caller asks for it, so that what is left is the solver's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
@@ -14,9 +13,10 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import availability
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.schemes import Integrator, Steps
+from palpate.validation.candidates.equations import AskedSteps
 from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check
-from palpate.validation.judging.checks import metric_of_bar
+from palpate.validation.judging.checks import has_same_mesh_check, metric_of_bar
 from palpate.validation.metrics import Part
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.references.stored import (
@@ -25,7 +25,7 @@ from palpate.validation.references.stored import (
     load_stored,
     references_folder,
 )
-from palpate.validation.states import Progress, State
+from palpate.validation.states import Progress
 
 if TYPE_CHECKING:
     from palpate.validation.references.adaptive_truth import TruthRequest
@@ -144,34 +144,36 @@ def are_the_cases(problem: Problem, steps: Steps | None) -> bool:
     return steps == Steps(Integrator.CENTRAL_DIFFERENCES, problem.time.time_step or steps.time_step)
 
 
-def with_own_steps(
-    problem: Problem,
-    solutions: Mapping[Strain, State],
+def with_asked_steps(
+    case: Case,
+    strains: Collection[Strain],
     references: ReferenceSet,
+    asked: AskedSteps,
     progress: Progress,
 ) -> ReferenceSet:
-    """The set with the same mesh stepped as each result states: what remains is the solver's.
+    """The set with the same mesh stepped as the caller asks: what remains is the solver's.
 
     Args:
-        problem: The case's.
-        solutions: The candidate's results, all of one element.
-        references: For that element; returned unchanged where no result states steps of its own.
+        case: The case.
+        strains: The strain measures of the candidate's results.
+        references: For its element; returned unchanged where the case's own steps are asked for.
+        asked: The scheme, the step, and the time limit of each run.
         progress: Called with one line for each run.
     """
-    for strain, solution in solutions.items():
-        if solution.steps is None or are_the_cases(problem, solution.steps):
+    steps = asked.of(case.problem)
+    for strain in strains:
+        if steps is None or not has_same_mesh_check(case, strain):
             continue
         from palpate.validation.references.runs import solve_by_steps
 
-        note = (
-            f"Same mesh, {strain} strain: the reference solved here by {solution.steps}, as "
-            f"{solution.label} states it."
-        )
+        note = f"Same mesh, {strain} strain: the reference solved here by {steps}, as asked for."
         state, failure = None, ""
         try:
-            element = solution.element
-            state = solve_by_steps(problem, strain, solution.steps, progress, element=element)
+            state = solve_by_steps(
+                case.problem, strain, steps, progress,
+                element=references.element, time_limit=asked.time_limit,
+            )  # fmt: skip
         except (ReferenceFailedError, InputError) as error:
-            failure = f"the same mesh by {solution.steps}: {error}"
+            failure = f"the same mesh by {steps}: {error}"
         references = references.with_same_mesh(strain, state, note, failure)
     return references

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.validation.candidates.equations import AskedSteps, differences, in_words
 from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CheckSpec
@@ -30,6 +32,8 @@ from palpate.validation.references.bars import BarParts, name_of_part
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
 
+# The name of the check that a result is of the equations that were asked for.
+STATED = "stated_equations"
 _LENGTHS = ("amplitude", "mean")
 _WHOLE = Part(np.zeros(0, dtype=np.int32), np.zeros((0, 3)))
 
@@ -164,6 +168,54 @@ def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: s
         limit=spec.limit,
         unit=spec.about.unit,
         precision=spec.precision or Precision.DOUBLE,
+    )
+
+
+def check_statements(
+    case: Case,
+    state: State,
+    element: Element,
+    asked: AskedSteps,
+    checks: Sequence[CheckSpec],
+) -> list[CheckResult]:
+    """A failed check where a result states other equations than were asked for; else none.
+
+    Args:
+        case: The case.
+        state: The result.
+        element: The element that is asked for.
+        asked: The scheme and step that are asked for.
+        checks: Those of the case, at the precision that is granted.
+    """
+    is_single = any(spec.precision is Precision.SINGLE for spec in checks)
+    found = differences(
+        case.problem,
+        state,
+        element=element,
+        steps=asked,
+        is_stepped=has_same_mesh_check(case, state.strain),
+        precision=Precision.SINGLE if is_single else Precision.DOUBLE,
+    )
+    if not found:
+        return []
+    return [
+        CheckResult(
+            metric=STATED,
+            against="candidate",
+            strain=state.strain,
+            verdict=Verdict.FAILED,
+            reason="a result is judged by the equations that were asked for, not by its own",
+            message=in_words(found),
+            element=element,
+        )
+    ]
+
+
+def has_same_mesh_check(case: Case, strain: Strain) -> bool:
+    """Whether a check of the case is about the same mesh, and so about its time steps."""
+    return any(
+        spec.against == "same_mesh" and (spec.strain or case.strain) is strain
+        for spec in case.checks
     )
 
 

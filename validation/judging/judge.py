@@ -20,20 +20,27 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.quality import measure_quality
+from palpate.reference.schemes import Steps
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_references import (
     are_the_cases,
     find_references,
-    with_own_steps,
+    with_asked_steps,
 )
-from palpate.validation.judging.checks import CaseJudge, unjudged_check
+from palpate.validation.judging.checks import (
+    CaseJudge,
+    check_statements,
+    has_same_mesh_check,
+    unjudged_check,
+)
 from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.results import (
     CaseResult,
     CheckResult,
     Judged,
+    Scope,
     error_name,
     merge_candidates,
 )
@@ -87,7 +94,8 @@ def judge_case(
 
     Raises:
         InputError: The case cannot be used, has no check for this candidate, its stored reference
-            is missing or stale, or the candidate's result cannot be read.
+            is missing or stale, the candidate's result cannot be read, or steps are asked for that
+            the case or the reference cannot take.
     """
     if not case.checks:
         raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
@@ -98,6 +106,9 @@ def judge_case(
     for judged in everybody:
         if missing := _missing_check(case, judged):
             raise InputError(f"{case.path.name}: {missing}; add one")
+        judged.asked.stepped(case.problem)
+        if any(has_same_mesh_check(case, each) for each in judged.strains_of(case.strain)):
+            judged.asked.require_affordable(case.problem)
     elements = {judged.element for judged in everybody}
     references = find_references(case, live=live, elements=elements, progress=progress)
     judge_one = partial(
@@ -128,6 +139,7 @@ def _judge_one(
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
     notes.extend(geometry_notes(case, references))
     candidates: dict[Strain, State] = {}
+    sent: list[State] = []
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
     for strain, solution in _solutions(judged, case, progress).items():
@@ -135,14 +147,15 @@ def _judge_one(
             failures[strain] = case.spec.units.in_case_units(str(solution))
             continue
         notes.extend(solution.remarks)
+        sent.append(solution)
         unmeasurable = unmeasurable_state(solution)
         if not unmeasurable:
             candidates[strain] = solution
         if impossible := unmeasurable or state_out_of_reach(problem, solution):
             failures[strain] = impossible
         said.update(solution.says)
-        element = solution.element
-    references = with_own_steps(problem, candidates, references.of_element(element), progress)
+    references = references.of_element(element)
+    references = with_asked_steps(case, candidates, references, judged.asked, progress)
     notes.extend(note for note in references.remarks if note not in notes)
     notes.extend(_notes_on_damping(problem, candidates))
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
@@ -158,6 +171,9 @@ def _judge_one(
         )
         for spec in judge.checks
     ]
+    measured = {check.strain for check in checks if check.verdict is Verdict.FAILED}
+    for state in sent:
+        checks += check_statements(case, state, element, judged.asked, judge.checks)
     unseen = judge.unseen()
     if unseen:
         notes.append(
@@ -166,14 +182,13 @@ def _judge_one(
         )
     found = []
     if diagnoses:
-        failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
         for strain, solution in candidates.items():
             # Mistakes are looked for with the case's own steps.
-            if strain in failed and are_the_cases(problem, solution.steps):
+            if strain in measured and are_the_cases(problem, solution.steps):
                 progress(f"diagnosis, {strain} strain")
                 found.append(_diagnosed(judge, judged, solution))
     notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
-    verdict, why = _verdict(checks)
+    verdict, why = _verdict(checks, judged.asked.of(problem))
     notes.extend(why)
     return CaseResult(
         name=case.name,
@@ -271,17 +286,28 @@ def _judged(
     return dataclasses.replace(found, is_vacuous=True, message=found.message + remark)
 
 
-def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
-    """The gravest of the checks; checks that any result passes do not support a verdict."""
+def _verdict(checks: list[CheckResult], steps: Steps | None) -> tuple[Verdict, list[str]]:
+    """The gravest of the checks; some do not support a verdict.
+
+    These are what any result passes; and where other steps than the case's were asked for, what is
+    judged by those alone, which may be as far from the motion as they are coarse.
+    """
     verdict = gravest([check.verdict for check in checks])
+    good = [check for check in checks if check.verdict is Verdict.PASSED and not check.is_vacuous]
     if verdict is not Verdict.PASSED:
         return verdict, []
-    if any(check.verdict is Verdict.PASSED and not check.is_vacuous for check in checks):
-        return verdict, []
-    return Verdict.INCONCLUSIVE, [
-        "Inconclusive: an answer in which nothing moves passes every check that was made. Let a "
-        "load or a tool move the body, and check displacement_l2."
-    ]
+    if not good:
+        return Verdict.INCONCLUSIVE, [
+            "Inconclusive: an answer in which nothing moves passes every check that was made. Let "
+            "a load or a tool move the body, and check displacement_l2."
+        ]
+    if steps is not None and not any(check.scope is Scope.TRUTH for check in good):
+        return Verdict.INCONCLUSIVE, [
+            f"Inconclusive: by {steps} as asked for, the checks on the same mesh say that each "
+            "step is solved right, and nothing of how far such steps lead from the case's motion. "
+            "Add a check against the truth, or judge the simulator by the case's own steps."
+        ]
+    return verdict, []
 
 
 def _pairs(

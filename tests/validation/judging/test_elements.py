@@ -34,6 +34,7 @@ from palpate.validation.candidates.candidate import (
 )
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.judging import outputs
+from palpate.validation.judging.checks import STATED
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.run_comparison import compare_runs
 from palpate.validation.metrics.body import Body
@@ -43,28 +44,33 @@ from palpate.validation.report.html import write_report
 from palpate.validation.states import Verdict
 
 
-def answer(tmp_path, label, element):
-    """A result file with a stored displacement that says what its element is, or nothing."""
-    about = {} if element is None else {"about": json.dumps({"element": element})}
+def answer(tmp_path, label, stated, asked=None):
+    """A result file with a stored displacement that states its element, or nothing."""
+    about = {} if stated is None else {"about": json.dumps({"element": stated})}
     np.savez(tmp_path / "mine.npz", displacement=stored("block", label).displacement, **about)
-    return result_candidate(tmp_path / "mine.npz")
+    return result_candidate(tmp_path / "mine.npz", asked)
 
 
 @pytest.mark.parametrize(
-    ("label", "said", "verdict"),
+    ("label", "stated", "asked", "verdict"),
     [
-        (SMOOTHED, "smoothed", Verdict.PASSED),
-        (SMOOTHED, "linear", Verdict.FAILED),
-        (SMOOTHED, None, Verdict.FAILED),
-        (SAME_MESH, "smoothed", Verdict.FAILED),
-        (SAME_MESH, "linear", Verdict.PASSED),
-        (SAME_MESH, "of my own making", Verdict.PASSED),
-        (SAME_MESH, None, Verdict.PASSED),
+        (SMOOTHED, "smoothed", Element.SMOOTHED, Verdict.PASSED),
+        (SMOOTHED, None, Element.SMOOTHED, Verdict.PASSED),
+        (SMOOTHED, "linear", Element.SMOOTHED, Verdict.PASSED),
+        (SMOOTHED, "smoothed", None, Verdict.FAILED),
+        (SMOOTHED, None, None, Verdict.FAILED),
+        (SAME_MESH, "smoothed", None, Verdict.PASSED),
+        (SAME_MESH, None, Element.SMOOTHED, Verdict.FAILED),
+        (SAME_MESH, "of my own making", None, Verdict.PASSED),
+        (SAME_MESH, None, None, Verdict.PASSED),
     ],
 )
-def test_an_answer_is_compared_with_the_element_that_it_says(tmp_path, label, said, verdict):
-    result = judge_case(case_of("block"), candidate=answer(tmp_path, label, said), diagnoses=False)
-    is_smoothed = said == "smoothed"
+def test_an_answer_is_compared_with_the_element_that_is_asked_for(
+    tmp_path, label, stated, asked, verdict
+):
+    given = answer(tmp_path, label, stated, asked)
+    result = judge_case(case_of("block"), candidate=given, diagnoses=False)
+    is_smoothed = asked is Element.SMOOTHED
     for check in on_same_mesh(result):
         if check.strain is GREEN:
             assert check.verdict is verdict, check.name
@@ -73,13 +79,20 @@ def test_an_answer_is_compared_with_the_element_that_it_says(tmp_path, label, sa
     used, other = (SMOOTHED, SAME_MESH) if is_smoothed else (SAME_MESH, SMOOTHED)
     assert not any(state.label == other for state in result.states)
     assert any(name.endswith(f"- {used}, green") for name in result.error_fields)
+    # Another element that palpate knows is a difference; words that it does not know are shown.
+    differs = stated in ("linear", "smoothed") and (stated == "smoothed") != is_smoothed
+    said = [check for check in result.checks if check.metric == STATED]
+    assert [check.verdict for check in said] == [Verdict.FAILED] * differs
+    if differs:
+        assert f"--element {stated}" in said[0].message
+    assert stated is None or any(stated in note for note in result.notes)
 
 
 def test_without_a_reference_of_its_element_an_answer_is_inconclusive(tmp_path, monkeypatch):
     known = references_of("block")
     states = {key: state for key, state in known.states.items() if key[0] != SMOOTHED}
     without = dataclasses.replace(known, states=states)
-    given = answer(tmp_path, SMOOTHED, "smoothed")
+    given = answer(tmp_path, SMOOTHED, "smoothed", Element.SMOOTHED)
     result = judged_by(without, monkeypatch, case_of("block"), candidate=given, diagnoses=False)
     checks = [check for check in on_same_mesh(result) if check.strain is GREEN]
     assert {check.verdict for check in checks} == {Verdict.INCONCLUSIVE}
