@@ -3,22 +3,32 @@
 Titles, reasons and names come from case files, last lines and `about` from simulators. None of them
 may move a cursor, start a workflow command, turn the reading direction, end a table cell, break
 XML or be run by a spreadsheet. Invisible characters are shown as escapes, so that nothing is lost.
+What is passed on (everything but a terminal) names files without the folders of this machine.
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
+import os
 import re
+import sys
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 # Controls, formats (reading direction among them), surrogates, line separators.
 _HIDDEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 # Joiners, without which Persian, Hindi and others cannot be written.
 _NEEDED = "\u200c\u200d"
+# An absolute path of two names or more, or with a drive; no part of an address (https://...).
+_ABSOLUTE = re.compile(
+    r"""(?<![\w.:/~\\-])(?:[A-Za-z]:(?=[\\/]))?(?:[\\/][^\s\\/'"`<>|,;:()\[\]{}=]+)+[\\/]"""
+    r"""(?=[^\s\\/'"`<>|,;:()\[\]{}=])"""
+)
 _MOST_WORDS = 200
 _MOST_KEYS = 12
 
@@ -34,6 +44,23 @@ def _shown(character: str) -> str:
     if character in _NEEDED or not (is_none or unicodedata.category(character) in _HIDDEN):
         return character
     return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"
+
+
+def without_folders(text: str) -> str:
+    """Text in which files are named as seen from the working folder, or by their names alone."""
+    if "/" not in text and "\\" not in text:
+        return text
+    home = os.path.expanduser("~")  # noqa: PTH111
+    here = {os.environ.get("PWD", ""), str(Path(sys.executable).parent)}
+    with contextlib.suppress(OSError):  # it was removed
+        here.add(str(Path.cwd()))
+    known = [*((folder, "", ".") for folder in here), (home, "~/", "~")]
+    for folder, inside, alone in sorted(known, key=lambda each: -len(each[0])):
+        if os.path.isabs(folder) and len(folder) > 1:  # noqa: PTH117
+            end = r"(?:([\\/]+)(?=[^\s\\/'\"])|[\\/]*(?![\w.-]))"
+            shown = re.escape(folder.rstrip("\\/")) + end
+            text = re.sub(shown, lambda m, i=inside, a=alone: i if m[1] else a, text)
+    return _ABSOLUTE.sub("", text)
 
 
 def for_terminal(text: str) -> str:
@@ -52,22 +79,25 @@ def for_terminal_lines(text: str) -> str:
 
 def for_html(value: Any) -> Any:
     """Text for a template, which escapes it; line breaks stay. Other values are unchanged."""
-    return "\n".join(map(visible, value.split("\n"))) if type(value) is str else value
+    if type(value) is not str:
+        return value
+    return "\n".join(map(visible, without_folders(value).split("\n")))
 
 
 def for_markdown(text: str) -> str:
     """Text for a cell of a Markdown table: without HTML, cell ends, links or pictures."""
-    return re.sub(r"[&<>|`\\\[\]]", lambda c: f"&#{ord(c[0])};", visible(text))
+    return re.sub(r"[&<>|`\\\[\]]", lambda c: f"&#{ord(c[0])};", visible(without_folders(text)))
 
 
 def for_xml(text: str) -> str:
     """Text that XML allows; whoever writes it has to escape it."""
-    return visible(text)
+    return visible(without_folders(text))
 
 
 def for_workflow(text: str) -> str:
     """Text for the message of a GitHub workflow command."""
-    return "%0A".join(visible(line) for line in text.replace("%", "%25").splitlines())
+    text = without_folders(text).replace("%", "%25")
+    return "%0A".join(visible(line) for line in text.splitlines())
 
 
 def for_workflow_property(text: str) -> str:
@@ -79,7 +109,7 @@ def for_csv(value: Any) -> Any:
     """A cell of a CSV table: text that a spreadsheet would run gets an apostrophe."""
     if not isinstance(value, str):
         return value
-    text = visible(value)
+    text = visible(without_folders(value))
     if not text.lstrip().startswith(("=", "+", "-", "@")) and not value.startswith(("\t", "\r")):
         return text
     try:
@@ -99,13 +129,28 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
 
 def for_json(value: Any) -> Any:
     """Plain data for strict JSON: None for NaN and infinities, and no surrogates."""
+
+    def plain(single: Any) -> Any:
+        if isinstance(single, str):
+            text = single.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+            return without_folders(text)
+        return None if isinstance(single, float) and not math.isfinite(single) else single
+
+    return _each(value, plain)
+
+
+def texts_for_json(value: Any) -> Any:
+    """Plain data for JSON, in which numbers that are none stay an error."""
+    return _each(value, lambda single: for_json(single) if isinstance(single, str) else single)
+
+
+def _each(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Plain data with each single value and key changed."""
     if isinstance(value, Mapping):
-        return {str(for_json(str(key))): for_json(item) for key, item in value.items()}
+        return {str(change(str(key))): _each(item, change) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [for_json(item) for item in value]
-    if isinstance(value, str):
-        return value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [_each(item, change) for item in value]
+    return change(value)
 
 
 def in_quotes(text: str) -> str:

@@ -16,6 +16,7 @@ from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.validation.peers.registry import OURS, Tool
 from palpate.validation.peers.timing import Child, Schedule, timed
+from palpate.validation.quoting import texts_for_json
 from palpate.validation.states import Progress, in_silence
 from palpate.validation.versions import version_of
 
@@ -198,7 +199,7 @@ def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
 
 def bench_json(document: dict[str, Any]) -> str:
     """The document of a benchmark as strict JSON."""
-    own = {"palpate": version_of("palpate"), **document}
+    own = texts_for_json({"palpate": version_of("palpate"), **document})
     return json.dumps(own, indent=2, allow_nan=False) + "\n"
 
 
