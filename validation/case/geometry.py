@@ -78,15 +78,11 @@ _MOST_NAMED = 3
 
 @dataclass(frozen=True, eq=False)
 class LoadedSurface:
-    """A surface that bounds a solid, lines on what was found or done, and groups of its facets.
+    """A surface that bounds a solid [m], notes on what was found or done, and groups of its facets.
 
-    Attributes:
-        surface: [m].
-        notes: Notes for people, lengths in metres.
-        groups: Facets by their number: what closes holes is "cap 1", "cap 2", ...
-        path: Path of the file; None for a built-in shape.
-        is_as_given: Whether facets have the file's numbers.
-        given: Coordinates as they stand in the file, shape (num_given, 3).
+    What closes holes is group "cap 1", "cap 2", ... `path` is None for a built-in shape; with
+    `is_as_given` facets have the file's numbers; `given` are coordinates as in the file,
+    (num_given, 3).
     """
 
     surface: TriSurface
@@ -107,12 +103,8 @@ def load_surface(
     """Read a surface that bounds a solid, repaired first where that is asked for.
 
     Bodies that face inwards are turned round, and that is said, without being asked: nothing moves.
-
-    Args:
-        path: The surface file; named in every message.
-        scale: Metres per unit of the file.
-        repair: What may be done to it; None nothing.
-        wrap: How far a new surface around it may lie [m], instead of repair; None makes none.
+    `scale` is metres per unit of the file; `wrap` how far a new surface around it may lie [m],
+    instead of repair.
 
     Raises:
         InputError: It cannot be read, or bounds no solid.
@@ -166,11 +158,8 @@ def advised(
 ) -> Iterator[None]:
     """Say what is wrong with a surface by its file's numbers and positions, and what repairs it.
 
-    Args:
-        path: Path of the file; nothing is added where None.
-        surface: The surface as read or as repaired [m].
-        is_as_given: Whether its facets are the file's.
-        notes: What was found or done before.
+    Numbers where its facets are as given; after `notes` of what was found or done before. Nothing
+    is added where there is no file.
     """
     try:
         yield
@@ -205,12 +194,7 @@ def _where(error: InputError, path: Path, surface: TriSurface, is_as_given: bool
 
 
 def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurface]) -> str:
-    """Which facets of which files cut or touch each other, and where.
-
-    Args:
-        error: With the surfaces' names.
-        bodies: The surfaces by name.
-    """
+    """Which facets of which files cut or touch each other, and where; bodies by name."""
     labels = {name: name if b.path is None else b.path.name for name, b in bodies.items()}
     found = []
     for pair, position in zip(error.pairs[:_MOST_NAMED], error.positions, strict=False):
@@ -231,11 +215,7 @@ def crossing_message(error: CrossingBodiesError, bodies: Mapping[str, LoadedSurf
 
 
 def require_countable(extents: Sequence[float], edge_length: float) -> None:
-    """Refuse a size that asks for more cells or facets than fit, before any is made.
-
-    Args:
-        extents: Lengths of a box around the body [m], three.
-        edge_length: [m], > 0.
+    """Refuse an edge length [m] that fills a box of these lengths [m] with too much, beforehand.
 
     Raises:
         InputError: More than 20 million cells, or 2 million facets.
@@ -275,11 +255,7 @@ _SHAPES: dict[str, tuple[Callable[..., TriSurface], Callable[..., Sequence[float
 
 
 def inside_folder(folder: Path, name: str) -> Path:
-    """A path of a case, which may not leave the case's folder.
-
-    Raises:
-        InputError: It does, links included.
-    """
+    """A path of a case; raises InputError where it leaves the case's folder, links included."""
     try:
         path = (folder / name).resolve()
         is_there = path.is_file()

@@ -72,13 +72,10 @@ class BuiltMesh:
 
 @dataclass(frozen=True)
 class Filling:
-    """Settings that are not of the case: progress, time limit, and the wanted time step.
+    """Settings that are not of the case: progress, time limit [s], and the wanted time step.
 
-    Attributes:
-        progress: Called with a line for each stage.
-        time_limit: Seconds; None is no limit.
-        began: When the time began to count, by the monotonic clock [s].
-        target: A material, and the time step that explicit runs want [s]; fastsim's mesher only.
+    The time began to count at `began`, by the monotonic clock [s]; `target` is a material, and the
+    time step that explicit runs want [s], for fastsim's mesher only.
     """
 
     progress: Callable[[str], None] | None = None
@@ -87,11 +84,7 @@ class Filling:
     target: tuple[Material, float] | None = None
 
     def time_left(self) -> float | None:
-        """Seconds; None is no limit.
-
-        Raises:
-            TimeLimitError: None are left.
-        """
+        """Seconds; None is no limit. Raises TimeLimitError where none are left."""
         if self.time_limit is None:
             return None
         left = self.began + self.time_limit - time.monotonic()
@@ -112,8 +105,7 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
     """Make or read the mesh of a case.
 
     Raises:
-        InputError: A file that cannot be read, a surface that bounds no solid, or no mesher
-            that manages.
+        InputError: A file that cannot be read, a surface without a solid, or no mesher manages.
     """
     geometry, units = spec.geometry, spec.units
     scale = units.metres(1.0)
@@ -167,15 +159,9 @@ def fill_loaded(
     """Fill a surface with tetrahedra: better facets first, where asked for.
 
     A mesh with the given facets is graded by bisection afterwards; with a free boundary fastsim's
-    mesher makes it graded from the start. With inclusions one mesh has the facets of all surfaces.
-
-    Args:
-        loaded: Bounds a solid [m]. The groups of its facets become those of the facets of the
-            mesh's boundary that lie there, whatever became of the given ones.
-        spec: The case's settings: which mesher, and how finely.
-        units: Of the lengths in `spec`.
-        inclusions: Surfaces in the body, or beside it, whose names become groups of cells.
-        how: Settings that are not of the case; see `Filling`.
+    mesher makes it graded from the start. With inclusions, surfaces in the body or beside it, one
+    mesh has the facets of all, and groups of cells by their names. Groups of the surface's facets
+    become those of the boundary's facets that lie there, whatever became of the given ones.
 
     Raises:
         InputError: A surface that bounds no solid, surfaces that cut each other, no mesher that
@@ -341,13 +327,7 @@ def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Fi
 def _groups_by_position(
     mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
 ) -> dict[str, Indices]:
-    """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others.
-
-    Args:
-        mesh: A mesh of the surface; its facets are the given ones, cut, or replaced nearby.
-        surface: The surface [m].
-        groups: Facets of the surface by name.
-    """
+    """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others."""
     centres = mesh.points[mesh.boundary_facets].mean(axis=1)
     found = {}
     for name, rows in groups.items():

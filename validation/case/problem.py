@@ -89,11 +89,6 @@ _SHAPES: dict[str, Callable[..., ToolShape]] = {
 def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
     """Supports, loads, springs, tools and materials of a case on its mesh.
 
-    Args:
-        spec: The case's tables.
-        folder: Folder of the case file: a tool's surface is read from there.
-        mesh: The case's mesh [m].
-
     Raises:
         InputError: A region that selects nothing, a body that floats, a bad value.
     """

@@ -29,13 +29,7 @@ class EmptyRegionError(InputError):
 
 
 def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """Boundary facets whose centroid lies in the region, shape (n, 3).
-
-    Args:
-        mesh: The mesh [m].
-        region: The region, in the case's units.
-        units: The case's units.
-        what: "support 1", "load 2": for messages.
+    """Boundary facets whose centroid lies in the region, shape (n, 3); `what` names it in messages.
 
     Raises:
         EmptyRegionError: Nothing is selected; the message gives the body's extent.
@@ -56,11 +50,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
     """Cells whose centroid lies in a box, ball or half space, and that are in a group, (n,).
 
-    Of a group of facets, the cells that have one of them.
-
-    Raises:
-        EmptyRegionError: Nothing is selected; the message gives the body's extent.
-        InputError: An unknown group.
+    Of a group of facets, the cells that have one of them. Raises as `select_facets`.
     """
     inside = _contains(mesh.points[mesh.cells].mean(axis=1), region, units)
     if region.group is not None and region.group in mesh.cell_groups:
@@ -77,9 +67,7 @@ def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> 
 def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
     """Points in a box, ball or half space, and of a group of facets or points, shape (n,).
 
-    Raises:
-        EmptyRegionError: Nothing is selected; the message gives the body's extent.
-        InputError: An unknown group.
+    Raises as `select_facets`.
     """
     inside = _contains(mesh.points, region, units)
     if region.group is not None:
@@ -129,10 +117,8 @@ def single_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float, float]:
     """The normal of facets that lie in one plane or in parallel ones, shape (3,).
 
-    Two sides of a slab have the same, so that sliding along both is plane strain.
-
-    Raises:
-        InputError: They are not flat; the message says by what angle.
+    Two sides of a slab have the same, so that sliding along both is plane strain. Raises InputError
+    with the angle where they are not flat.
     """
     vectors = area_vectors(mesh.points, facets)
     normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -154,13 +140,7 @@ def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float
 
 
 def point_at(mesh: TetMesh, position: Vector, units: Units, what: str) -> int:
-    """Index of the mesh's point at a position.
-
-    Args:
-        mesh: The mesh [m].
-        position: The position, in the case's units.
-        units: The case's units.
-        what: "check 1": for messages.
+    """Index of the mesh's point at a position in the case's units.
 
     Raises:
         InputError: None lies there; the message names the nearest.
@@ -209,12 +189,6 @@ def _some(inside: NDArray[np.bool_], mesh: TetMesh, units: Units, what: str, par
 
 def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) -> Part | None:
     """What of the body a check is about; None where it is about all of it.
-
-    Args:
-        spec: The check.
-        problem: The case's.
-        units: The case's.
-        what: "check 1": for messages.
 
     Raises:
         EmptyRegionError: The region selects nothing.

@@ -87,12 +87,7 @@ class Units(BaseModel):
         return value * STRESS[self.stress]
 
     def of(self, dimension: str) -> tuple[float, str]:
-        """SI units in one of the case's, and its name.
-
-        Args:
-            dimension: "length", "force", "stress", "volume" (length cubed) or "energy" (force
-                times length).
-        """
+        """SI units in one of the case's, and its name, by the dimension of a metric's number."""
         length, force = LENGTH[self.length], FORCE[self.force]
         return {
             "length": (length, self.length),

@@ -51,9 +51,7 @@ _POINT = {"nearest": [1.0, 1.0, 1.0]}
 def annotated_case(values: Mapping[str, Any], remarks: Mapping[str, str]) -> str:
     """A case file in TOML: the given values, and every other key as a comment.
 
-    Args:
-        values: As they stand in a case file; valid ones.
-        remarks: A line above a table, by its name (`support`) or its name and number (`check 2`).
+    Remarks are lines above a table, by its name (`support`) or its name and number (`check 2`).
     """
     writer = _Writer(remarks)
     return "\n".join([*writer.table(CaseSpec, values, "", is_given=True), ""])
@@ -208,13 +206,9 @@ _HEAD = """\
 
 
 def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: bool = False) -> str:
-    """A case file, as text, for a surface or mesh file; for a box where there is none.
+    """A case file, as text, for a surface or mesh file beside it or below; for a box without one.
 
-    Args:
-        body: Beside the case file to be, or below it.
-        target: The case file to be.
-        unit: Unit of the file: m, cm or mm.
-        repair: Whether to repair the surface where that is safe, here and in the case.
+    With `repair` the surface is repaired where that is safe, here and in the case.
 
     Raises:
         InputError: A body that cannot be read, bounds no solid, or lies elsewhere.

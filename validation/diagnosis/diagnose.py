@@ -70,7 +70,7 @@ def diagnose(
     ask: Ask | None = None,
     length_unit: str = "mm",
 ) -> Diagnosis:
-    """What explains the result of a candidate that a gate has failed.
+    """What explains the result of a candidate that a gate has failed, the simplest first.
 
     Args:
         problem: The case's problem.
@@ -79,9 +79,6 @@ def diagnose(
         other_strain: The reference's on the same mesh with the other.
         ask: The candidate's displacement of other problems, where it can be asked again.
         length_unit: Unit in which positions are given: m, cm or mm.
-
-    Returns:
-        What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
     """
     body = Body(problem, candidate.strain, candidate.element)
     mine, theirs = candidate.displacements, None if reference is None else reference.displacements

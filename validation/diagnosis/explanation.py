@@ -54,16 +54,11 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True)
 class Explanation:
-    """One explanation with what it leaves.
+    """One mistake in words, the part of the simulation where it was made, and what undoing leaves.
 
-    Attributes:
-        name: The mistake in words, as "displacement in millimetres".
-        cause: The part of the simulation where it was made.
-        residual: What is left when the mistake is undone, in parts of `of`.
-        stated: What the problem as stated leaves, in parts of the same.
-        of: What residuals are divided by.
-        complexity: 0 for the stated problem itself, 1 for a plain mistake, more for fitted numbers.
-        limit: What the residual may be at most: `SINGLE`, or what another mesh is off.
+    `residual` is that, `stated` what the problem as stated leaves, both in parts of `of`;
+    `complexity` is 0 for the stated problem itself, 1 for a plain mistake, more for fitted numbers;
+    `limit` what the residual may be at most: `SINGLE`, or what another mesh is off.
     """
 
     name: str
@@ -89,16 +84,11 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What explains one result of a candidate.
+    """What explains one result of a candidate, by its strain measure and element.
 
-    Attributes:
-        strain: Which of its results.
-        explanations: Those that fit, the simplest first; empty where none does.
-        tested: How many were tried.
-        stated: What the result as it stands leaves, in parts of `of`.
-        of: What `stated` was divided by.
-        hint: A sentence on where the stated equations fail, or what could not be tried.
-        element: What the result's tetrahedra are.
+    `explanations` are those that fit of so many `tested`, the simplest first; `stated` is what the
+    result as it stands leaves, in parts of `of`; `hint` says where the stated equations fail, or
+    what could not be tried.
     """
 
     strain: Strain

@@ -32,15 +32,9 @@ _STEP = 1e-3
 
 @dataclass(frozen=True)
 class Finding:
-    """The worst of a check over one kind of deformation.
+    """The worst of a check over one kind of deformation, at F = `worst`, and what is wrong there.
 
-    Attributes:
-        check: The property that was checked.
-        kind: Kind of deformation.
-        error: Error over the size of what was compared [-].
-        limit: Largest error that passes [-].
-        worst: Deformation gradient F there, (3, 3).
-        message: What is wrong, if anything is.
+    `error` is over the size of what was compared, `limit` the largest that passes [-].
     """
 
     check: str
@@ -57,15 +51,7 @@ class Finding:
 
 
 def check_law(law: LawOf, material: Material) -> list[Finding]:
-    """Check a law at every deformation.
-
-    Args:
-        law: The law whose energy, stress and tangent are checked.
-        material: The material as stated.
-
-    Returns:
-        A finding for each check and kind of deformation.
-    """
+    """A finding for each check and kind of deformation of a law with the material as stated."""
     found = list(_at_rest(law, material))
     for kind, F in deformations(material.law).items():
         checks = (
@@ -215,13 +201,9 @@ _FITS = 1e-6
 def name_of_stress(
     P: Array, material: Material, F: Array, known: NDArray[np.bool_] | None = None
 ) -> str:
-    """What explains a stress: another law, or the same with other moduli; else how far off it is.
+    """What explains a P [Pa] at F, both (n, 3, 3): another law, other moduli; else how far off.
 
-    Args:
-        P: First Piola-Kirchhoff stress [Pa], (n, 3, 3).
-        material: The material as stated.
-        F: Deformation gradients, (n, 3, 3).
-        known: Which components count, (3, 3); None is all.
+    Only components that are `known` count, (3, 3); all where None.
     """
     weights = np.ones((3, 3)) if known is None else known.astype(float)
     P = np.where(weights > 0.0, P, 0.0)

@@ -42,16 +42,9 @@ _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
 def check_simulator(
     simulator: OutsideSimulator, material: Material, limit: float, progress: Progress
 ) -> list[Finding]:
-    """Compare a simulator's result with that of the law that was stated.
+    """Compare a simulator's result with that of the law that was stated, to a limit of stress [-].
 
-    Args:
-        simulator: The program.
-        material: The material that it is asked for.
-        limit: Limit of the error of stress [-].
-        progress: Called with a line for each run.
-
-    Returns:
-        A finding for each kind of deformation; more where it sends stresses of its own.
+    A finding for each kind of deformation; more where it sends stresses of its own.
 
     Raises:
         CandidateFailedError: It gives no result.

@@ -92,9 +92,7 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
 def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
     """Try each hypothesis, and numbers to fit where none of the plain ones fits.
 
-    Args:
-        stepper: The stepper of the problem as stated.
-        fields: The candidate's displacement at the outputs [m], (num_times, num_points, 3).
+    `fields` are the candidate's displacement at the outputs [m], (num_times, num_points, 3).
     """
     wanted = fields[1 : stepper.num_outputs + 1]
     stated = _misfit(stepper, MotionHypothesis(), wanted, None)

@@ -51,13 +51,9 @@ def distance(fields: Fields, reference: Fields) -> float:
 def result_hypotheses(
     fields: Fields, reference: Fields, rest: Points, *, other: tuple[str, Fields] | None = None
 ) -> Iterator[Explanation]:
-    """Try every mistake of the result.
+    """Try every mistake of the result, whose displacement and the reference's are fields [m].
 
-    Args:
-        fields: The candidate's displacement [m], (num_times, num_points, 3).
-        reference: The reference's, the same shape.
-        rest: Points at rest [m].
-        other: The reference's with the other strain measure, with that mistake's name.
+    `other` is the reference's with the other strain measure, with that mistake's name.
     """
     stated = distance(fields, reference)
 
@@ -211,12 +207,10 @@ _SLOPE = np.array([[0.01, 0.005, 0.0], [-0.004, -0.008, 0.01], [0.0, 0.006, 0.00
 
 
 def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[Explanation]:
-    """Whether the result depends on how the body lies in space.
+    """Whether the result of a static problem depends on how the body lies in space.
 
-    Args:
-        problem: A static one; supports of single components cannot be turned, and are not tried.
-        result: The candidate's displacement [m].
-        ask: Its displacement of another problem; may raise CandidateFailedError.
+    Supports of single components cannot be turned, and are not tried. `ask` gives the candidate's
+    displacement of another problem, and may raise CandidateFailedError.
     """
     if not all(all(support.components) for support in problem.supports):
         return
@@ -239,9 +233,8 @@ def isotropy_hypotheses(problem: Problem, result: Points, ask: Ask) -> Iterator[
 def turned_otherwise(satisfied: float, broken: float) -> Explanation:
     """What the relations show about isotropy.
 
-    Args:
-        satisfied: Largest error in a relation that every law satisfies, isotropic or not.
-        broken: How far the result to the turned problem is from the result turned.
+    `satisfied` is the largest error in a relation that every law satisfies, `broken` how far the
+    result to the turned problem is from the result turned.
     """
     name = (
         "the law is not isotropic, or axes are mixed up: the turned problem has another result "

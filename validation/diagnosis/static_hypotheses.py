@@ -47,17 +47,10 @@ from palpate.validation.states import State
 
 
 class StaticResult:
-    """The state of a static case on which every mistake is tried.
+    """The state of a static case on which every mistake is tried, `apart` from any reference.
 
-    Attributes:
-        body: The body of the problem as stated.
-        displacement: The candidate's displacement [m].
-        apart: Its distance from the reference; None where there is no reference.
-        internal: Its internal force [N].
-        loads: The force of each load [N].
-        external: Their sum, and that of springs.
-        miss: Largest error of fixed components, relative [-].
-        stated: Residual of the equations as stated.
+    `internal`, that of each of `loads`, and `external` (with springs) are forces [N]; `miss` is the
+    largest relative error of fixed components, `stated` the residual of the equations as stated.
     """
 
     def __init__(self, body: Body, displacement: Points, apart: float | None = None) -> None:
@@ -118,8 +111,7 @@ _ROWS_EACH = 5
 def fit(columns: Sequence[Points], target: Points, rows: Mask) -> Points | None:
     """Factors c with the least |sum c_k column_k - target|^2 over these components.
 
-    Returns:
-        (len(columns),); None where the columns are not independent there, or one vanishes.
+    None where the columns are not independent there, or one vanishes.
     """
     matrix = np.stack([column[rows] for column in columns], axis=1)
     wanted = target[rows]

@@ -33,23 +33,13 @@ _SIGN_TOLERANCE = 1e-6
 def audit_on_own_mesh(
     problem: Problem, displacement: Points, strain: Strain, element: Element = Element.LINEAR
 ) -> Audit:
-    """Measure a displacement against the equations of its own tetrahedra.
+    """Measure a finite displacement [m] against the equations of its own tetrahedra.
 
-    Args:
-        problem: Mesh, material, supports and loads, without tools.
-        displacement: Displacement at the mesh's points [m], (num_points, 3), finite.
-        strain: Strain measure of the model.
-        element: What the tetrahedra are.
-
-    Returns:
-        The audit, of degree 1.
+    The audit is of degree 1; see `palpate.reference.audit.audit_displacement`.
 
     Raises:
         InputError: A body that floats, or a problem with tools.
         ReferenceFailedError: The linear solver did not converge.
-
-    Note:
-        See `palpate.reference.audit.audit_displacement`.
     """
     require_supported(problem)
     require_no_tools(problem, "the audit")
@@ -143,12 +133,7 @@ class NotPositiveDefiniteError(ArithmeticError):
 
 
 class Tangent:
-    """Derivative of internal less external force by the displacement, fixed components left out.
-
-    Args:
-        body: The body whose forces are differentiated.
-        displacement: The displacement at which [m], (num_points, 3).
-    """
+    """Derivative of internal less external force by the displacement, fixed components left out."""
 
     def __init__(self, body: Body, displacement: Points) -> None:
         self.body, self._displacement = body, displacement
@@ -224,14 +209,9 @@ def solve_scaled(
 
     By conjugate gradients where A is symmetric (J. R. Shewchuk, An introduction to the conjugate
     gradient method without the agonizing pain, 1994, section B3), else by stabilised bi-conjugate
-    gradients (H. A. van der Vorst, SIAM J. Sci. Stat. Comput. 13, 1992, 631-644).
-
-    Args:
-        product: A x.
-        right: b, (num_points, 3); as x, 0 where fixed.
-        diagonal: Positive, near A's own.
-        tolerance: Tolerance of the residual over b, both scaled by the diagonal.
-        is_symmetric: Whether A is.
+    gradients (H. A. van der Vorst, SIAM J. Sci. Stat. Comput. 13, 1992, 631-644). `product` is A x;
+    `right` is b, (num_points, 3), as x 0 where fixed; `diagonal` is positive, near A's own;
+    `tolerance` is of the residual over b, both scaled by the diagonal.
 
     Raises:
         NotPositiveDefiniteError: A direction p on the way has p . A p <= 0, or the recurrence of an

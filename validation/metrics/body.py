@@ -78,13 +78,9 @@ def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) 
 def spring_force(
     mesh: TetMesh, spring: Spring, displacement: Points, time: float | None = None
 ) -> Points:
-    """Force of a spring on each point [N], (num_points, 3).
+    """Force of a spring on each point [N], (num_points, 3), at a time on its anchor's path [s].
 
-    Args:
-        mesh: The mesh at rest.
-        spring: The spring, with its facets in that mesh.
-        displacement: Displacement of the points [m].
-        time: Time on the anchor's path [s]; None is the end of the path, at full stiffness.
+    Without a time at the end of the path, at full stiffness.
     """
     anchor = spring.path.end if time is None else spring.path.at(time)
     kappa = spring.densities(mesh.points)
@@ -117,19 +113,10 @@ def _integrated(mesh: TetMesh, spring: Spring, kappa: Floats, field: Points) -> 
 class Body:
     """Energy, internal force, loads and supports of a problem.
 
-    Smoothed tetrahedra differ by their energy and internal force alone.
-
-    Attributes:
-        lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
-        mu: The second [Pa].
-        c01: Second coefficient of Mooney and Rivlin's law by cell [Pa].
-        law: The material's law under Green strain.
-        fixed: Components that supports fix, (num_points, 3).
-        prescribed: Their prescribed displacement [m], at full amplitude.
-        touchable: Points that a tool may touch, (num_points,).
-        free: Components where the sum of forces must vanish, (num_points, 3). Points that a tool
-            may touch are left out: what it pushes there is not known; so are those that slide.
-        slopes: Points that slide along slanted planes; None where none does.
+    Smoothed tetrahedra differ by their energy and internal force alone. `lmbda`, `mu` (Lamé's
+    parameters) and `c01` (of Mooney and Rivlin's law) are by cell [Pa]; `fixed` are components that
+    supports fix, (num_points, 3), `prescribed` their displacement at full amplitude [m]; `slopes`
+    are points that slide along slanted planes, None where none does.
     """
 
     def __init__(self, problem: Problem, strain: Strain, element: Element = Element.LINEAR) -> None:
@@ -240,13 +227,9 @@ class Body:
         return body
 
     def viscous(self, displacement: Points, before: Points) -> Points:
-        """Forces of the stress by the law at rest of what the strain has changed by [N].
+        """Forces [N] of the stress at rest by what the strain has changed since `before` [m].
 
         Times stiffness damping over the step, those of stiffness damping.
-
-        Args:
-            displacement: Displacement [m].
-            before: Displacement a step earlier [m].
         """
         H, H_before = self.gradient(displacement), self.gradient(before)
         change = strain_of(H, self.strain) - strain_of(H_before, self.strain)
@@ -322,13 +305,10 @@ class Body:
         factors: Sequence[float] | None = None,
         is_other: bool = False,
     ) -> Points:
-        """Sum of all loads and springs [N], tools left out.
+        """Sum of all loads and springs [N], tools left out; pressures and springs follow the body.
 
-        Args:
-            displacement: Displacement [m]; pressures and springs follow it.
-            time: Time at which amplitudes are taken [s]; no amplitudes where None.
-            factors: Factor of each load beside its amplitude; 1 where None.
-            is_other: See `load`.
+        Amplitudes are taken at the time [s], none where it is None; `factors` are those of each
+        load beside its amplitude; for `is_other` see `load`.
         """
         force = np.zeros_like(self.mesh.points)
         for index, load in enumerate(self.problem.loads):
@@ -348,9 +328,8 @@ class Body:
         """What is left of external and internal forces where nothing is fixed, tools left out.
 
         Returns:
-            External less internal force at each point, 0 in fixed components [N], (num_points, 3);
-            the largest internal or external force of a point [N], infinite where one is no
-            number, to hold it against.
+            External less internal force [N], (num_points, 3), 0 in fixed components; and the
+            largest force of a point [N] to hold it against, infinite where one is no number.
         """
         internal, external = self.internal(displacement), self.external(displacement)
         scale = np.linalg.norm(np.concatenate([internal, external]), axis=1).max()
@@ -403,10 +382,7 @@ def forces_at_end(
 ) -> list[tuple[Load | Spring, Points]]:
     """Each load and spring with its nodal force [N], (num_points, 3), at the end of a motion.
 
-    Args:
-        problem: Loads and springs, with their amplitudes where it is a motion.
-        displacement: Displacement of the points [m], which pressures and springs follow.
-        strain: Strain measure; under linear strain pressures stay on the surface at rest.
+    Pressures and springs follow the displacement [m]; under linear strain pressures stay at rest.
     """
     mesh, time = problem.mesh, None if problem.time is None else problem.time.end_time
     loads = [

@@ -377,13 +377,6 @@ def measure(
 ) -> Difference:
     """A metric between two states of a problem; on its own mesh too where the candidate has one.
 
-    Args:
-        name: Name of the metric.
-        problem: The problem of both states.
-        candidate: The state that is judged.
-        reference: The state that it is compared with.
-        part: The part of the body, for metrics of a part.
-
     Raises:
         InputError: No such metric, one of the candidate alone, or one of a part without the part.
     """

@@ -43,16 +43,10 @@ _FEWEST = 64
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A candidate beside the reference, both on one mesh.
+    """A candidate beside the reference on one mesh: the case's, or the candidate's own (`is_own`).
 
-    Attributes:
-        case: The case's problem.
-        mesh: The case's, or the candidate's own.
-        displacement: The candidate's displacement there [m], (mesh.num_points, 3).
-        read: The reference there, and what reading it may be off by.
-        candidate: The candidate's state at the case's points.
-        reference: The reference's state there.
-        is_own: Whether the mesh is the candidate's own.
+    `displacement` is the candidate's there [m], `read` the reference there, and what reading it may
+    be off by; `candidate` and `reference` are the states at the points of the `case`.
     """
 
     case: Problem
@@ -93,17 +87,10 @@ def compare_states(
     own: OwnMesh | None,
     is_alone: bool,
 ) -> Difference:
-    """A metric of two states.
+    """A metric of two states at the case's points: an error on a pair, over the reference's size.
 
-    Args:
-        error: Error of the metric on a pair.
-        scale_of: Size of the reference that the error is divided by.
-        problem: The case's.
-        candidate: The candidate's state at the case's points.
-        reference: The reference's state there.
-        own: The candidate on a mesh of its own, which is looked at as well.
-        is_alone: That mesh is all that counts, where there is one; else the value is the worst of
-            both meshes.
+    The candidate on a mesh of its own is looked at as well, or where it `is_alone` only: else the
+    value is the worst of both meshes.
     """
     scale, name = scale_of(problem, reference)
     nothing = np.zeros_like(reference.displacement)

@@ -37,17 +37,13 @@ class Convergence(StrEnum):
 
 @dataclass(frozen=True)
 class GridConvergence:
-    """What three meshes say about a number.
+    """What three meshes say about a number, whose `value` is that on the finest.
 
-    Attributes:
-        value: The number on the finest mesh, in its own unit.
-        behaviour: How the sequence behaves.
-        order: Observed order p [-]; None where there is none to observe.
-        extrapolated: Richardson's value; None without an order.
-        error_bar: Half-width around `value` in its unit; None where nothing can be concluded.
-        index_fine: Error bar over |f1| (GCI12) [-]; None without an order, or where f1 is 0.
-        index_coarse: The same of the two coarser meshes (GCI23), over |f2| [-].
-        asymptotic_ratio: GCI12 r^p / GCI23 [-]; near 1 in the asymptotic range.
+    The observed `order` p [-] is None where there is none to observe; so is Richardson's
+    `extrapolated` value. `error_bar` is the half-width around `value` in its unit, None where
+    nothing can be concluded. `index_fine` is it over |f1| (GCI12) [-], `index_coarse` that of the
+    two coarser meshes (GCI23); `asymptotic_ratio` GCI12 r^p / GCI23, near 1 in the asymptotic
+    range.
     """
 
     value: float
@@ -78,13 +74,8 @@ def assess_grid_convergence(
         noise: Differences up to this are rounding or solver tolerance, in the number's unit, >= 0.
         safety_factor: Fs [-], >= 1.
 
-    Returns:
-        The assessment; `error_bar` is None unless the sequence is monotone with a believable
-        order, or below the noise.
-
     Raises:
-        ValueError: Not three finite values, sizes that do not grow enough, or an option out of
-            range.
+        ValueError: Values, sizes or an option out of range.
     """
     _require_usable(values, sizes, expected_order, noise, safety_factor)
     f1, f2, f3 = (float(v) for v in values)

@@ -181,15 +181,10 @@ MEASURES: dict[LawOfCells, Strain] = {green: Strain.GREEN, linear: Strain.LINEAR
 def energy_density(
     law: Law, H: Array, lmbda: Array, mu: Array, c01: Array, terms: OgdenTerms = ()
 ) -> Array:
-    """W of displacement gradients [J/m3], (num_cells,); NaN where the law has none.
+    """W of displacement gradients H = F - I by cell [J/m3], (num_cells,); NaN where there is none.
 
-    Args:
-        law: Any.
-        H: F - I, (num_cells, 3, 3).
-        lmbda: Lamé's first parameter at rest [Pa], (num_cells,).
-        mu: The second.
-        c01: Second coefficient of Mooney and Rivlin's law [Pa]; read by no other law.
-        terms: Terms of Ogden's law (see `Material`); read by no other law.
+    By Lamé's parameters at rest by cell [Pa]; c01 and terms are read by Mooney and Rivlin's law and
+    by Ogden's (see `Material`) only.
     """
     if law is Law.SAINT_VENANT_KIRCHHOFF:
         E = strain_of(H, Strain.GREEN)

@@ -106,8 +106,7 @@ def oscillation_offsets(
 ) -> tuple[tuple[OscillationError, ...], OscillationError]:
     """Errors with their signs against the first of some states, where and along which it swings.
 
-    Returns:
-        Of every state, the first one's all 0; and how far the first one's fit may be off.
+    And how far the first one's fit may be off.
 
     Raises:
         InputError: One of them does not oscillate.
@@ -162,12 +161,8 @@ def may_be_alias(
 ) -> str:
     """Why a frequency that the states of a motion show may be another's; "" where it is not.
 
-    Args:
-        problem: The problem, with mass, stiffness, supports and loads.
-        strain: Strain measure of the law that pulls the body back.
-        motion: The states.
-        element: Tetrahedra that pull it back: those of the candidate.
-        of: The motion whose content is looked at, the reference's; `motion` where None.
+    `element` are the tetrahedra that pull the body back, the candidate's; `of` is the motion whose
+    content is looked at, the reference's, or `motion`.
     """
     gap = largest_gap(motion)
     content = content_frequency(problem, strain, of or motion, element)
@@ -206,15 +201,11 @@ def content_frequency(
 
 @dataclass(frozen=True)
 class NumericalDamping:
-    """Numerical damping of the oscillation of the point that swings most.
+    """Numerical damping of the oscillation of the point that swings most, of this `frequency` [Hz].
 
-    Attributes:
-        steps: Scheme and time step.
-        frequency: Frequency of the oscillation in the result [Hz].
-        formula: Damping ratio by the scheme [-].
-        measured: Damping ratio of the result, less that of the case's own dampings [-].
-        uncertainty: Of `measured`: what other modes leak into the fit, and how far the motion's
-            first third would move it [-].
+    Damping ratios [-]: by the scheme's `formula`, and as `measured`, less that of the case's own
+    dampings; `uncertainty` of the latter: what other modes leak into the fit, and how far the
+    motion's first third would move it.
     """
 
     steps: Steps
@@ -236,18 +227,12 @@ def measure_numerical_damping(problem: Problem, state: State) -> NumericalDampin
 
     measured = (g - lambda / 2) / w - beta w / 2 for a decay exp(-g t) at w = 2 pi f under mass
     damping lambda and stiffness damping beta. The formula is of the frequency that the scheme makes
-    f of, without them: their product is of second order in the step.
-
-    Args:
-        problem: The case's.
-        state: A motion with `steps`.
+    f of, without them: their product is of second order in the step. Two modes of nearly one
+    frequency beat: what is measured then is that of neither.
 
     Raises:
         InputError: No motion, no stated scheme, nothing that swings for two periods and a quarter,
             or a frequency that the scheme cannot have with this step.
-
-    Note:
-        Two modes of nearly one frequency beat: what is measured then is that of neither.
     """
     motion = state.trajectory
     if motion is None or state.steps is None or problem.time is None:

@@ -39,13 +39,10 @@ _LIPSCHITZ = math.sqrt(1.5)
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a state.
+    """A number of a state in its SI unit, and what reading on a mesh of its own may add to it.
 
-    Attributes:
-        value: The number in its SI unit.
-        doubt: What reading may add to it, in that unit; above 0 for results on their own meshes.
-        scale: What errors of the metric that its error bar is of are divided by, in that unit; of
-            a mean stress the most that it can be off by where their L2 norm is off by all of it.
+    `scale` is what errors of the metric that its error bar is of are divided by, in that unit; of a
+    mean stress the most that it can be off by where their L2 norm is off by all of it.
     """
 
     value: float

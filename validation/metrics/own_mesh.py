@@ -61,10 +61,8 @@ OWN_MESH_REMEDY = (
 class Reading:
     """A displacement read at given positions.
 
-    Attributes:
-        value: The displacement [m], (num_positions, 3).
-        added: The part of it that a linear reading would not have [m], (num_positions, 3).
-        doubt: The largest error of the reading [m], (num_positions,).
+    `value`, and what of it a linear reading would not have, `added`, are (num_positions, 3) [m];
+    `doubt` is the largest error [m], (num_positions,).
     """
 
     value: Points
@@ -73,15 +71,9 @@ class Reading:
 
 
 def read_between(mesh: TetMesh, displacement: Points, degree: int, own: TetMesh) -> Reading:
-    """A displacement at the points of a mesh read at the points of another.
+    """A displacement [m], solved with elements of a degree, read at the points of another mesh.
 
     Outside of the mesh it is continued by the gradient at the nearest point, all of it doubt.
-
-    Args:
-        mesh: The case's.
-        displacement: Displacement at its points [m], (mesh.num_points, 3).
-        degree: Degree of the elements that it was solved with.
-        own: The other mesh.
     """
     location = locate_points(mesh, own)
     corners = mesh.cells[location.cells]
@@ -184,12 +176,8 @@ def own_reactions(
 ) -> tuple[float, float]:
     """Largest error of a support's total force, and what it may be off by [N].
 
-    Args:
-        problem: The case's.
-        own: The own mesh with the case's materials.
-        displacement: Displacement of the result on that mesh [m].
-        candidate: The result at the case's points.
-        reference: The reference there.
+    `own` is the own mesh with the case's materials, `displacement` the result there [m]; the states
+    are at the case's points.
     """
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)

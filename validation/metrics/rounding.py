@@ -55,25 +55,16 @@ _SOLVED_TO = 1e-4
 
 
 class SinglePrecision:
-    """Limits of a problem for results in single precision.
-
-    Args:
-        problem: The case's problem.
-    """
+    """Limits of a problem for results in single precision."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
     def limit(self, metric: str, reference: State, part: Part | None = None) -> float:
-        """The error that a correct result in single precision may have.
+        """The error that a correct result in single precision may have, over the metric's scale.
 
-        Args:
-            metric: One that compares with a reference on the same mesh.
-            reference: The reference on that mesh.
-            part: The part of the body, for metrics of a part.
-
-        Returns:
-            Relative to the metric's scale, at most LARGEST.
+        Of a metric that compares with the reference on the same mesh, and of a part; at most
+        LARGEST.
         """
         relative = 0.0
         if reference.trajectory is not None:

@@ -40,13 +40,9 @@ Array = NDArray[np.float64]
 
 
 class Smoothing:
-    """Averages over the edges and nodes of a mesh, and the stress that follows from them.
+    """Averages over the edges and nodes of a mesh at rest, and the stress that follows from them.
 
-    Args:
-        mesh: The mesh at rest.
-        lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
-        mu: The second [Pa].
-        c01: Second coefficient of Mooney and Rivlin's law [Pa]; None is 0.
+    Lamé's parameters and Mooney and Rivlin's c01 (None is 0) are by cell [Pa], (num_cells,).
     """
 
     def __init__(self, mesh: TetMesh, lmbda: Array, mu: Array, c01: Array | None = None) -> None:

@@ -84,14 +84,7 @@ class MotionHypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
-    """Steps a body's motion to its first outputs.
-
-    Attributes:
-        body: The body whose forces are integrated.
-        step: Length of a step [s].
-        per_output: Steps from output to output.
-        num_outputs: How many outputs are stepped to.
-    """
+    """Steps a body's motion to its first outputs, by `per_output` steps [s] to each."""
 
     body: Body
     step: float

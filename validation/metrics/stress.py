@@ -84,16 +84,7 @@ def is_stress_known(state: State) -> bool:
 def stress_integrals(
     mesh: TetMesh, stresses: CellStresses, strain_energy: float | None = None
 ) -> StressIntegrals | None:
-    """Means over the cells of a mesh, with the nodal forces that they make.
-
-    Args:
-        mesh: The case's.
-        stresses: Stresses of its cells.
-        strain_energy: Strain energy of the whole body [J], stored beside them.
-
-    Returns:
-        None where the first Piola-Kirchhoff stress is not known.
-    """
+    """Means over the case's cells with the nodal forces they make; None where P is not known."""
     sigma, P = stresses.cauchy, stresses.first_piola_kirchhoff
     if P is None:
         return None
@@ -263,11 +254,7 @@ def _nodal_force(mesh: TetMesh, P: Floats) -> Points:
 def mistaken_stress(body: Body, displacement: Points, sent: Floats, cells: Indices) -> str:
     """What would explain a stress that is not that of the displacement sent with it; else "".
 
-    Args:
-        body: The case's, with the element that was said.
-        displacement: Displacement as it was sent [m].
-        sent: Taken for Cauchy's stress [Pa], (num_cells, 3, 3).
-        cells: Cells in which it is compared.
+    `sent` was taken for Cauchy's [Pa], (num_cells, 3, 3), and is compared in some cells.
     """
     sigma, P = body.stresses(displacement)
     known = {

@@ -77,11 +77,7 @@ class OscillationError:
 
 
 def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
-    """Fit a damped cosine.
-
-    Args:
-        times: [s], increasing, shape (n,), n >= 12; at least 1.5 periods.
-        values: Shape (n,), finite.
+    """Fit a damped cosine to n >= 12 finite values at increasing times [s], 1.5 periods or more.
 
     Raises:
         InputError: Too few samples or periods, a constant series, or NaN.
@@ -115,19 +111,11 @@ def fit_uncertainty(
 ) -> OscillationError:
     """How far a fit may be off because the series is not one cosine: other modes leak into it.
 
-    What the fit leaves over is moved along time, end to start, with the cosine's decay (that of
-    all modes under damping by mass), added to the cosine, and fitted again: had the rest come at
+    What the fit leaves over is moved along time, end to start, with the cosine's decay (that of all
+    modes under damping by mass), added to the cosine, and fitted again: had the rest come at
     another phase, this is what would have been found (a bootstrap that preserves the rest's
     frequencies; Politis and Romano 1992). Its mean stays, so the series is also fitted without
-    parts of its last period. Largest error of all.
-
-    Args:
-        times: Times of the samples, as in `fit_oscillation`.
-        values: Values of the samples, as in `fit_oscillation`.
-        fitted: Result of `fit_oscillation` for them; computed where None.
-
-    Raises:
-        InputError: As `fit_oscillation`.
+    parts of its last period. Largest error of all. `fitted` is the result of `fit_oscillation`.
     """
     t = np.asarray(times, dtype=np.float64)
     x = np.asarray(values, dtype=np.float64)

@@ -122,14 +122,7 @@ def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
 
 
 def cell_rotations(mesh: TetMesh, displacement: Points) -> Floats:
-    """Angle by which each cell is turned [rad], 0 to pi, shape (num_cells,).
-
-    Of the rotation nearest to its deformation gradient (Higham 1989).
-
-    Args:
-        mesh: The mesh at rest.
-        displacement: [m], shape (num_points, 3).
-    """
+    """Angle [rad], 0 to pi, of the rotation nearest to each F (Higham 1989), (num_cells,)."""
     corners = displacement[mesh.cells].transpose(0, 2, 1)
     rotations = rotation_of(np.eye(3) + corners @ shape_gradients(mesh))
     cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
@@ -238,11 +231,8 @@ def largest_acceleration(
 ) -> float:
     """Bound of sqrt(a.M a) over the whole motion [m/s2 sqrt(kg)].
 
-    Args:
-        problem: The problem with its time span, from rest or with an initial velocity.
-        strain: Strain measure of the law by which the supports pull.
-        outputs: The motion at the outputs; looked at where supports move or tools press.
-        element: Tetrahedra that the supports pull at.
+    The supports pull by the law of the strain measure at the element's tetrahedra; the motion at
+    the outputs is looked at where supports move or tools press.
     """
     assert problem.time is not None
     end, mass = problem.time.end_time, lumped_mass(problem)

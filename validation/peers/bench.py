@@ -27,14 +27,10 @@ COMMON = ("tool", "size", "threads", "precision", "seconds", "rate")
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A task that all tools do beside each other.
+    """A task that all tools do beside each other: size, arrays for adapters, further columns.
 
-    Attributes:
-        size: The size that the rows state.
-        job: Plain arrays for the adapters.
-        columns: Further columns, the same in all rows.
-        finish: Adds columns that follow from the results, from the rows of all tools and from those
-            of earlier scenes: finish(rows, children, earlier).
+    `finish(rows, children, earlier)` adds columns that follow from the results, from the rows of
+    all tools and from those of earlier scenes.
     """
 
     size: int
@@ -45,20 +41,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A comparison of tools.
+    """A comparison of tools at a `task`, the name of the class in the adapters.
 
-    Attributes:
-        task: Name of the class in the adapters.
-        sizes: The sizes that there are.
-        tools: Our tool and the rivals.
-        schedule: How they are timed.
-        make_scenes: Makes the scenes of a size.
-        measure_work: The work of one step, for the rate.
-        rate_unit: Unit of that work over seconds.
-        same: Columns in which rows must agree to be compared.
-        table: Columns shown on the terminal beside `COMMON`; all, where it is empty.
-        remark: Adds to the rates of the summary, from our rows that agree in `same`, and from
-            those of the rivals, the quickest first.
+    `make_scenes` makes the scenes of a size; `measure_work` of one step in `rate_unit` over seconds
+    is the rate. Rows must agree in the columns `same` to be compared; `table` are columns shown on
+    the terminal beside `COMMON`, all where it is empty. `remark` adds to the rates of the summary,
+    from our rows that agree in `same`, and from those of the rivals, the quickest first.
     """
 
     task: str
@@ -90,13 +78,7 @@ def run_benchmark(
     device: str = "cpu",
     progress: Progress = in_silence,
 ) -> dict[str, Any]:
-    """Time a benchmark.
-
-    Args:
-        name: A name of `MODULES`.
-        sizes: Problem sizes among those of the benchmark; None times them all.
-        device: A device on which ours is also timed; "cpu" is the compiled core, always timed.
-        progress: Called with one line per row.
+    """Time a benchmark of `MODULES` at its sizes, or some of them, on a device as well.
 
     Returns:
         The document of `palpate bench --json`: bench, machine, rows, left_out, which states for

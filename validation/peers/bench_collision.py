@@ -42,9 +42,8 @@ PLACES = {"overlapping": 1.7, "apart": 2.5}
 def make_bodies(divisions: int, arrangement: str) -> dict[str, NDArray[np.generic]]:
     """Rounded boxes of divisions^3 bricks, six tetrahedra each, the second one turned.
 
-    Returns:
-        `cells` and boundary `facets` of either body, 24 divisions^2 in all, and `frames`, points
-        of each body by step [m], shape (2, NUM_FRAMES, num_points, 3).
+    `cells` and boundary `facets` of either body, 24 divisions^2 in all, and `frames`, points of
+    each body by step [m], shape (2, NUM_FRAMES, num_points, 3).
     """
     box = brick_box((divisions,) * 3, (2.0,) * 3, ragged=0.1)
     points = box.points - 1.0

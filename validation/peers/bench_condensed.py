@@ -74,13 +74,9 @@ def _way(start: Points, num_ticks: int) -> Points:
 def measured(
     problem: Problem, progress: Progress, *, num_ticks: int = TICKS, clocked: int = CLOCKED
 ) -> list[Row]:
-    """Condense a body, and touch it: a row for each precision of the compliance.
+    """Condense a body, and touch it with its tool: a row for each precision of the compliance.
 
-    Args:
-        problem: The problem with one tool, on the surface.
-        progress: Called with what is done.
-        num_ticks: Number of ticks of one circle.
-        clocked: Number of ticks by the clock, one per millisecond.
+    A circle has `num_ticks`; `clocked` ticks are timed by the clock, one per millisecond.
     """
     size = condensed_size(problem)
     before = _memory(peak=False)

@@ -25,12 +25,7 @@ TOOLS = (Tool(OURS, "ours"), *tools_for("delaunay"))
 
 
 def place_points(kind: str, count: int) -> Points:
-    """The points of a benchmark, shape (about count, 3), which are always the same.
-
-    Args:
-        kind: "random" in the unit cube, a "grid" of whole steps, or on a "sphere".
-        count: Number of points; a grid takes the nearest cube number.
-    """
+    """About so many points, (n, 3), always the same: "random", a "grid", or on a "sphere"."""
     random = np.random.default_rng(20070705)
     if kind == "random":
         return random.random((count, 3))

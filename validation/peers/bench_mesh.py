@@ -42,12 +42,8 @@ _TISSUE = Material(1e4, 0.45, 1000.0)
 def make_surface(kind: str, size: int) -> TriSurface:
     """Make a kidney of about `size` triangles in a child process: gmsh may abort.
 
-    Args:
-        kind: "gmsh", "decimated" or "marching cubes".
-        size: Approximate number of triangles.
-
-    Raises:
-        ChildFailedError: gmsh or VTK is missing or failed.
+    The kind is "gmsh", "decimated" or "marching cubes". Raises ChildFailedError where gmsh or VTK
+    is missing or failed.
     """
     tool, option = _GMSH if kind == "gmsh" else _VTK, "edge_length"
     if kind == "gmsh":

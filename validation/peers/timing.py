@@ -56,12 +56,9 @@ class Schedule:
 
 
 class Child:
-    """A tool in a process of its own.
+    """A tool in a process of its own; its version is empty where it is not installed.
 
-    Attributes:
-        version: Version of the tool; empty where it is not installed.
-        precision: Precision of its arithmetic.
-        timings: For each timing: processor and wall time of one step [s], and the tool's report.
+    `timings` have processor and wall time of one step [s], and the tool's report.
     """
 
     def __init__(
@@ -79,11 +76,7 @@ class Child:
         self._command = [*map(str, (*programs, task, self._job, self._result))]
 
     def start(self) -> None:
-        """Set the tool up in a new process.
-
-        Raises:
-            ChildFailedError: It failed, or does not take the job.
-        """
+        """Set the tool up in a new process; ChildFailedError where it fails or refuses the job."""
         self._process.close()
         errors = self._job.with_name("errors.txt").open("w+", encoding="utf-8")
         self._errors = self._process.enter_context(errors)

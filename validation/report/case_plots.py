@@ -266,20 +266,11 @@ def _draw_error(
 def write_figures(
     result: CaseResult, folder: Path, form: FigureForm, budgets: Sequence[Budget] = ()
 ) -> list[Path]:
-    """Write every figure of a report as NAME-WHAT.pdf or .svg.
+    """Write every figure of a report as NAME-WHAT.pdf or .svg; returns the files.
 
     Plots of checks, budgets and motions are 88 mm wide, a column; pictures of the body in several
     panels 180 mm, two. Bodies of more than 20 000 facets are pixels within the figure. The same
     results give the same files.
-
-    Args:
-        result: A judged case.
-        folder: An existing folder.
-        form: The form of the files.
-        budgets: Error budgets of the candidates, where they are known.
-
-    Returns:
-        The files that were written; there is none where the case has nothing to show.
     """
     made = []
     with plot_style(COLUMN):

@@ -94,10 +94,6 @@ def error_top(result: CaseResult, largest: float) -> float:
     """The upper end of a scale of errors, in the unit of the largest, >= 1e-8 of the body's size.
 
     Below that, rounding errors would be painted like wrong solutions.
-
-    Args:
-        result: The judged case, with its mesh.
-        largest: Largest error that is shown [m].
     """
     size = float(np.linalg.norm(np.ptp(result.problem.mesh.points, axis=0)))
     return max(largest, _LEAST_TOP * size)
@@ -142,12 +138,8 @@ def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[floa
     """Azimuth and elevation of the eye [rad]: at 0 and 0 it looks along y, from below 0, z up.
 
     Every direction of a grid is scored by how much of the error it shows, whether the largest error
-    faces it and is not hidden, and how broad the body looks from there; the best one is returned.
-
-    Args:
-        points: Points of the body, (n, 3).
-        facets: Boundary facets, oriented outwards, (m, 3).
-        errors: Length of the error at each point, (n,); if all are zero, only the breadth counts.
+    faces it and is not hidden, and how broad the body looks from there (facets are oriented
+    outwards); the best one is returned. Where all errors (n,) are zero, only the breadth counts.
     """
     areas = area_vectors(points, facets)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0

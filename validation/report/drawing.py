@@ -34,19 +34,11 @@ _MOST_FACETS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles in one colour, or in those of a number at each point.
+    """Triangles in one colour, or in those of a value at each point, shown with a colour bar.
 
-    Attributes:
-        points: Positions, (num_points, 3).
-        facets: Triangles, (num_facets, 3).
-        colour: The colour where there are no values.
-        values: Value at each point, shown with a colour bar; None for one colour.
-        values_name: Name of the values.
-        largest: Upper end of the colour bar.
-        colours: Name of matplotlib's colour map.
-        opacity: From 0 to 1.
-        is_wireframe: Whether only edges are drawn, in the colour.
-        is_beside: Whether it is a tool: it may leave the frame, and widens it by `BEYOND` at most.
+    The bar is called `values_name`, ends at `largest`, and has the `colours` of matplotlib. With
+    `is_wireframe` only edges are drawn, in the colour. A tool `is_beside`: it may leave the frame,
+    and widens it by `BEYOND` at most.
     """
 
     points: Points
@@ -73,15 +65,9 @@ class Marks:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A view of a body from one side.
+    """A view of a body from one side, with marks in front of it, and a legend of words and colours.
 
-    Attributes:
-        title: The title above it.
-        surfaces: The surfaces that are seen.
-        side: The direction of view.
-        marks: Marks in front of the surfaces.
-        unit: Unit of the extents that are written beside the body; "" for no extents.
-        legend: Words and their colours.
+    `unit` is that of the extents that are written beside the body; "" for no extents.
     """
 
     title: str
@@ -136,14 +122,9 @@ def extent(views: Sequence[View]) -> tuple[Points, Points]:
 
 
 def draw(pictures: Mapping[str, Sequence[View]], form: str = "png") -> dict[str, bytes]:
-    """Draw each picture, its views side by side.
+    """Draw each picture, its views side by side; the bytes are the same for the same views.
 
-    Args:
-        pictures: The views of each picture, by its name.
-        form: "png", "pdf" or "svg"; the last two in the width of a paper's columns, text as text.
-
-    Returns:
-        The bytes of each picture; they are the same for the same views.
+    The form is "png", or "pdf" and "svg" in the width of a paper's columns, text as text.
     """
     made = {}
     for name, views in pictures.items():

@@ -44,13 +44,9 @@ def measure_thickness(
 ) -> Thickness:
     """Follow rays from boundary facets inwards, from cell to cell, to the other side.
 
-    Facets are sampled by their area, so that many small ones do not count for more.
-
-    Args:
-        mesh: The body.
-        fixed: Facets of supports, shape (num_facets, 3): a body does not bend towards a support,
-            so only rays count that begin and end elsewhere, where there are any.
-        seed: Seed of the random sample.
+    Facets are sampled by their area, so that many small ones do not count for more. A body does not
+    bend towards a support: only rays count that begin and end elsewhere than on `fixed` facets,
+    (num_facets, 3), where there are any.
     """
     neighbours = _neighbours(mesh)
     owners = np.argwhere(neighbours < 0)
@@ -130,11 +126,8 @@ def expected_error(
 ) -> float:
     """The fraction of the displacement in bending that is missing [-], 0 to 1.
 
-    Args:
-        num_cells: Number of cells through the thickness, > 0.
-        slenderness: Length of a cell, across the thickness, over its height, > 0.
-        poissons_ratio: Below 0.5; negative ones are taken as 0.
-        element: Linear or smoothed tetrahedra.
+    By cells through the thickness, length of a cell across it over its height, and Poisson's ratio,
+    of which negative ones are taken as 0.
     """
     nu, a, n = max(poissons_ratio, 0.0), slenderness, num_cells
     x = 2.0 * nu / (1.0 - 2.0 * nu)
@@ -153,12 +146,8 @@ MOST_CELLS = 10_000
 def guess_errors(problem: Problem) -> dict[Element, float] | None:
     """The fraction of the displacement that each element misses, relative L2 over the points [-].
 
-    Args:
-        problem: Statics without tools, which a linear solve cannot treat.
-
-    Returns:
-        None where there is no guess: a motion, a tool, more than `MOST_CELLS` cells, nothing that
-        moves, or no solution with linear strain.
+    None where there is no guess: a motion, a tool, more than `MOST_CELLS` cells, nothing that
+    moves, or no solution with linear strain.
     """
     mesh = problem.mesh
     if problem.time is not None or problem.tools or mesh.num_cells > MOST_CELLS:

@@ -87,14 +87,8 @@ def write_report(
 
     One case gives report.html; several give NAME.html each, and index.html that links them. A
     picture that cannot be drawn is replaced by a message; the verdict never depends on it.
-
-    Args:
-        results: Results of one case or several.
-        folder: Where the pages go.
-        figures: The form in which each figure is also written for a paper.
-
-    Returns:
-        The page to open first.
+    `figures` is the form in which each figure is also written for a paper. Returns the page to open
+    first.
     """
     environment = report_environment()
     if len(results) == 1:

@@ -30,17 +30,11 @@ _NO_FACETS = np.zeros((0, 3), dtype=np.int32)
 
 @dataclass(frozen=True, eq=False)
 class Resultant:
-    """The resultant of one load on the rest body.
+    """The resultant of one load on the rest body, of a kind in a word or two.
 
-    Attributes:
-        kind: The kind of load, in a word or two.
-        facets: Loaded facets, shape (n, 3); none for weight and for point forces.
-        area: Area of these facets [m2].
-        force: Total force [N], shape (3,).
-        center: Point where the force acts [m], shape (3,); for a traction that varies, the
-            centre of the loaded face.
-        moment: Moment about the center [N m], shape (3,); 0 unless the traction varies.
-        spread: Value of a traction that varies at the centre of each facet [Pa], (n, 3).
+    On loaded facets (none of weight and point forces) of an area [m2], a force [N] acts at a center
+    [m]; of a traction that varies it is the centre of the face, with a moment about it [N m], and
+    the `spread` are its values at the centre of each facet [Pa], (n, 3).
     """
 
     kind: str
@@ -175,15 +169,10 @@ _BOX_FACETS = np.array(
 
 
 def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tuple[Points, Indices]:
-    """The surface by which a tool is drawn.
+    """Points (n, 3) in the tool's frame [m], and triangles (m, 3), by which a tool is drawn.
 
-    Args:
-        tool: A tool of any shape.
-        size: Side of the flat box that a plane is drawn as [m].
-        fineness: Edge length of spheres and capsules, as a fraction of the radius.
-
-    Returns:
-        Points in the tool's frame [m], (n, 3), and triangles, (m, 3).
+    A plane is a flat box of a side of `size` [m]; edges of spheres and capsules are a fraction of
+    the radius.
     """
     match tool.shape:
         case SphereShape(radius):
@@ -206,14 +195,10 @@ def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tupl
 def tools_around(
     problem: Problem, centre: Points, times: Points | None
 ) -> list[tuple[Points, Indices, Points]]:
-    """Each tool that follows a path, in millimetres from a centre.
+    """Each tool that follows a path, in millimetres from a centre, at the times of a motion [s].
 
-    A tool that a force drives is left out: its position is part of the result, and not stored.
-
-    Args:
-        problem: The problem with the tools.
-        centre: Centre of the view [mm], (3,).
-        times: Stored times of a motion [s]; None for a state at rest, at the end of the path.
+    Without times at the end of the path. A tool that a force drives is left out: its position is
+    part of the result, and not stored.
 
     Returns:
         Points in the tool's frame (n, 3), facets (m, 3), and for each time the nine numbers of the

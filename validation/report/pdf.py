@@ -23,11 +23,7 @@ def find_browser() -> str | None:
 
 
 def require_browser() -> str:
-    """Path of a Chromium.
-
-    Raises:
-        InputError: No Chromium was found.
-    """
+    """Path of a Chromium; raises InputError where none was found."""
     browser = find_browser()
     if browser is None:
         raise InputError(
@@ -38,11 +34,7 @@ def require_browser() -> str:
 
 
 def print_pdf(page: Path) -> Path:
-    """Print a page as PDF beside it, whole or not at all.
-
-    Raises:
-        InputError: There is no browser, or it made no PDF.
-    """
+    """Print a page as PDF beside it, whole or not at all; raises InputError where that failed."""
     browser = require_browser()
     target = page.with_suffix(".pdf")
     with scratch_folder("pdf") as scratch:

@@ -163,13 +163,7 @@ def _tools(
 def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[str, Path]:
     """Draw the states and the errors of a case, from the first direction of the 3-D view.
 
-    Args:
-        result: The judged case with its states.
-        folder: An existing folder for the pictures.
-        form: See `drawing.draw`.
-
-    Returns:
-        Path of each picture, by name ("states", "errors").
+    Returns the path of each picture, by name ("states", "errors"); for the form see `drawing.draw`.
     """
     made = {}
     for name, picture in draw(result_views(result), form).items():

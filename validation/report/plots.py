@@ -27,12 +27,7 @@ mpl.use("Agg")
 
 @dataclass(frozen=True)
 class Medium:
-    """The medium of a figure.
-
-    Attributes:
-        width: Width of the figure [inches].
-        font: Size of its text [points].
-    """
+    """The medium of a figure: its width [inches], and the size of its text [points]."""
 
     width: float
     font: float
@@ -73,9 +68,7 @@ def tidy(axes: mpl.axes.Axes) -> None:
 def figure_svg(figure: mpl.figure.Figure, title: str = "") -> str:
     """A figure as an <svg> element without date or XML header; the figure is closed.
 
-    Args:
-        figure: The figure to draw.
-        title: For screen readers; without a title they read the words of the figure one by one.
+    Without a title screen readers read the words of the figure one by one.
     """
     text = io.StringIO()
     figure.savefig(
@@ -97,16 +90,9 @@ class Figure:
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points (x, y).
+    """A line through points (x, y), in matplotlib's style, of a width [points].
 
-    Attributes:
-        x: Values of x.
-        y: Values of y, as many.
-        label: The entry in the legend; without one there is no entry.
-        style: Style of the line and its markers, as matplotlib writes it.
-        colour: The colour; None takes the next one.
-        width: Width of the line [points].
-        alpha: Opacity; 0 is transparent.
+    Without a label there is no entry in the legend; without a colour it takes the next one.
     """
 
     x: Sequence[float] | Points
@@ -120,22 +106,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """Lines in one pair of axes.
+    """Lines in one pair of axes, in this order.
 
-    Attributes:
-        lines: Lines, drawn in this order.
-        x: Label of the x axis.
-        y: Label of the y axis.
-        title: Title above the axes.
-        log: Which axes are logarithmic: "", "x", "y" or "xy".
-        levels: Values of y that are marked by dotted lines.
-        places: Values of x that are marked by dotted lines, each with the text along its line.
-        band: Lower and upper end of a grey band on y.
-        notes: Texts at (x, y).
-        ticks: Texts at values of x.
-        y_ticks: Texts at values of y.
-        x_range: Lower and upper end of x; None takes what the lines need.
-        y_range: Lower and upper end of y; None takes what the lines need.
+    `log` names the axes that are logarithmic: "", "x", "y" or "xy". Dotted lines mark `levels` of y
+    and `positions` of x, each with the text along its line; `band` is grey, on y; `notes` are texts
+    at (x, y), `ticks` at values of x, `y_ticks` of y. An end of a range that is None is what the
+    lines need.
     """
 
     lines: Sequence[Line]
@@ -160,13 +136,9 @@ def line_figure(
     shares_legend: bool,
     pdf: Path | None = None,
 ) -> Figure:
-    """Panels beside and above each other.
+    """Panels row by row, as many in each; one legend below all, or one in each that has labels.
 
-    Args:
-        rows: Panels row by row, as many in each row.
-        caption: What the figure shows.
-        shares_legend: Whether one legend stands below all, or one in each panel that has labels.
-        pdf: Path of the same figure as PDF.
+    `pdf` is where the same figure is written as PDF.
     """
     width = {1: 6.4, 2: 9.6, 3: 11.0}.get(len(rows[0]), 12.0)
     height = min(4.2, 1.1 * width / len(rows[0])) * len(rows) + 0.3 * shares_legend

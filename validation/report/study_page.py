@@ -37,11 +37,8 @@ def judged(claim: str, found: str, is_true: bool) -> Finding:
 class Table:
     """Rows of numbers and words, from which the page, the CSV and the JSON are made.
 
-    Attributes:
-        title: The heading of the table.
-        columns: Headings, each with the format of its numbers on the page; "" for words.
-        rows: Rows with a cell for each column; None is shown as a dash on the page.
-        is_shown: Whether the table is on the page, or only in the files.
+    `columns` are headings, each with the format of its numbers on the page, "" for words; None in a
+    row is shown as a dash. A table that is not shown is in the files only.
     """
 
     title: str
@@ -85,12 +82,7 @@ def _text(cell: Any, form: str) -> str:
 class Page:
     """Figures and tables by file name without suffix; remarks go below the text.
 
-    Attributes:
-        figures: Figures, which become NAME.svg.
-        tables: Tables, which become NAME.csv.
-        remarks: Paragraphs that depend on the results.
-        numbers: Further numbers for results.json.
-        case: A judged case, whose own report is the page.
+    `numbers` are further ones for results.json; the own report of a judged `case` is the page.
     """
 
     figures: Mapping[str, Figure] = field(default_factory=dict)
@@ -128,17 +120,8 @@ def leave(
 ) -> ExitCode:
     """Write report.html, NAME.svg and NAME.csv for each figure and table, and results.json.
 
-    Args:
-        folder: An existing folder.
-        console: Where the findings are printed.
-        name: Name of the study.
-        title: Title of the page.
-        about: Paragraphs below the findings.
-        findings: Findings on the claims that were tested, at least one.
-        page: Figures, tables and remarks.
-
-    Returns:
-        The exit code of the gravest verdict: passed, failed or inconclusive.
+    The folder exists; findings (at least one) are printed, and paragraphs `about` the study stand
+    below them. Returns the exit code of the gravest verdict: passed, failed or inconclusive.
     """
     for stem, table in page.tables.items():
         (folder / f"{stem}.csv").write_text(table.csv, encoding="utf-8")

@@ -106,16 +106,7 @@ _NUMBERS = {
 
 
 def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = ()) -> list[Path]:
-    """Write NAME-states.csv, NAME-checks.csv, NAME-solutions.csv, and NAME-budget.csv with budgets.
-
-    Args:
-        result: A judged case.
-        folder: An existing folder.
-        budgets: Error budgets of the candidates, where they are known.
-
-    Returns:
-        The files.
-    """
+    """Write NAME-states, -checks and -solutions.csv, and -budget.csv where there are budgets."""
     texts = {
         "states": state_table_csv(result),
         "checks": csv_text(_CHECK, ([_cell(getattr(c, n)) for n in _CHECK] for c in result.checks)),

@@ -53,16 +53,11 @@ class Row:
 class Trust:
     """What a person who must decide reads first.
 
-    Attributes:
-        css: Class of the verdict's colour, see `CaseResult.tone`.
-        word: The verdict; if it passed without a truth, what it was judged against.
-        answer: Whether the simulator can be trusted, in one sentence.
-        failures: The checks that did not pass, grouped, with a sentence each.
-        scale: Distances from the truth beside what the use needs, the worst first.
-        context: Context of use, as the case states it.
-        needed: The case's reason for its limit, that on displacement if there is one.
-        caveat: The gravest caveat.
-        explanation: The most probable explanation of a failure.
+    The verdict's `css` class (see `CaseResult.tone`) and `word` (if it passed without a truth, what
+    it was judged against), the `answer` in one sentence, a sentence on each group of `failures`,
+    distances from the truth beside what the use needs (`scale`, the worst first), the `context` of
+    use, the reason for the limit that is `needed`, the gravest `caveat`, and the most probable
+    `explanation` of a failure.
     """
 
     css: str
@@ -263,10 +258,8 @@ def where_wrong(result: CaseResult, judged: Judged) -> str:
     """As "wrong everywhere by about 18 %, most where the body moves most, at (20, 1, 90) mm".
 
     The error is that of Green strain against the truth, or else against the same mesh; for a motion
-    it is the largest over all stored times at each point.
-
-    Returns:
-        The sentence; "" where there is nothing to compare with, or no error worth locating.
+    it is the largest over all stored times at each point. "" where there is nothing to compare
+    with, or no error worth locating.
     """
     for shown in comparisons_of(result):
         for one, other in shown.pairs:

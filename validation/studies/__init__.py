@@ -47,13 +47,7 @@ def load_study(name: str) -> Any:
 
 
 def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:
-    """Run a study into an empty folder; the exit code is its verdict.
-
-    Args:
-        name: Of the study.
-        folder: Empty.
-        progress: Called with one line now and then.
-        console: Where the findings are printed.
+    """Run a study into an empty folder; findings are printed, the exit code is its verdict.
 
     Raises:
         InputError: No such study.

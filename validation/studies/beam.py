@@ -35,8 +35,7 @@ AXIS = Axis("part of the weight", FACTORS)
 def compute(progress: Progress) -> tuple[CaseResult, list[Run]]:
     """Judge the beam, sweep its load by fastsim, and by the reference where it is.
 
-    Raises:
-        CandidateFailedError: One of them has no result under a part of the weight.
+    Raises CandidateFailedError where one of them has no result under a part of the weight.
     """
     case = load_case("beam")
     row = [((factor,), scale_loads(case.problem, factor)) for factor in FACTORS]

@@ -64,17 +64,11 @@ _ROUNDING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A problem whose solution is known.
+    """A problem whose solution is known, called FAMILY-NUMBER, and its generation from the second.
 
-    Attributes:
-        name: FAMILY-NUMBER, with the generation behind a dot from the second on.
-        family: Its family.
-        is_apart: Whether it is among those that no factor is chosen by.
-        given: What it was made with.
-        problem: The problem.
-        strain: Its strain measure.
-        solution: The state that is known; None where the body bears no such load.
-        doubts: How well each metric of it is known, relative; those not named as "" is.
+    `is_apart`: no factor is chosen by it. `given` is what it was made with; `solution` is None
+    where the body bears no such load; `doubts` say how well each metric of it is known, relative;
+    those not named as "" is.
     """
 
     name: str
@@ -178,13 +172,7 @@ def summarise(numbers: Sequence[Number]) -> Summary:
 
 
 def compare(known: Known, way: str, progress: Progress) -> list[Number]:
-    """The numbers of one problem; none where the reference gives no truth at all.
-
-    Args:
-        known: The problem and its solution.
-        way: STORED or LIVE.
-        progress: Called with one line now and then.
-    """
+    """The numbers of one problem, STORED or LIVE; none where there is no truth at all."""
     problem, solution = known.problem, known.solution
     if solution is None:
         progress("it has no known solution")
@@ -213,14 +201,7 @@ def compare_all(
     ways: Sequence[str] = WAYS,
     jobs: int = 1,
 ) -> list[Number]:
-    """The numbers of problems, stored and live.
-
-    Args:
-        problems: Which.
-        progress: Called with one line now and then.
-        ways: STORED, LIVE or both.
-        jobs: How many are solved at once, each in a process of its own.
-    """
+    """The numbers of problems, in the given ways; so many at once, each in a process of its own."""
 
     def one(known: Known, way: str) -> list[Number]:
         return compare(known, way, lambda line: progress(f"{known.name}, {way}: {line}"))

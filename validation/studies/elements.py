@@ -139,14 +139,10 @@ def follow_bars(
     truth_divisions: int = TRUTH_DIVISIONS,
     solve: Solve = time_fastsim,
 ) -> Found:
-    """Every bar by both elements and by the rivals that are installed.
+    """Every bar by both elements on their meshes, and by the rivals that are installed.
 
-    Args:
-        progress: Called before what takes long.
-        ratios: Poisson's ratios.
-        divisions: Meshes of each element.
-        truth_divisions: Mesh of the truth, an even number.
-        solve: fastsim's statics with their time, or what is put to the test in their place.
+    The truth's mesh is an even number; `solve` is fastsim's statics with their time, or what is put
+    to the test in their place.
 
     Raises:
         ReferenceFailedError: No FEniCSx, and so no truth.
@@ -223,11 +219,7 @@ def quickness(other: Sequence[Run], smoothed: Sequence[Run]) -> Mapping[float, f
 
 
 def compute(progress: Progress) -> Found:
-    """Run everything.
-
-    Raises:
-        ReferenceFailedError: No FEniCSx, and so no truth.
-    """
+    """Run everything; raises ReferenceFailedError without FEniCSx, and so without a truth."""
     return follow_bars(progress)
 
 

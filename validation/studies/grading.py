@@ -204,8 +204,7 @@ class Curves(NamedTuple):
 def follow(scene: Scene, progress: Progress) -> Curves:
     """Solve both families by fastsim, the truth by the reference.
 
-    Raises:
-        ReferenceFailedError: No truth: FEniCSx is missing or a solve failed.
+    Raises ReferenceFailedError where FEniCSx is missing or a solve failed.
     """
     first, count = scene.problem, scene.problem.mesh.num_points
     families: dict[str, list[Solved]] = {kind: [] for kind in MOST_CELLS}

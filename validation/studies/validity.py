@@ -94,14 +94,9 @@ class Series(NamedTuple):
     def border(
         self, limit: float, error: str = "displacement_error", measure: str = "nominal"
     ) -> float | None:
-        """Where an error reaches a limit, between two points; None where it does not.
+        """The `measure` where an `error` of the points reaches a limit [-]; None where it does not.
 
-        The logarithms are interpolated: small errors are powers of the load.
-
-        Args:
-            limit: [-], > 0.
-            error: Which number of a `Point`.
-            measure: The number that is asked for there.
+        Logarithms are interpolated between two points: small errors are powers of the load.
         """
         errors, measures = self.values(error), self.values(measure)
         for k in range(1, len(errors)):
@@ -131,13 +126,10 @@ class Found(NamedTuple):
 
 
 def make_bar(slenderness: float, poissons_ratio: float, load: float, cells_across: int) -> Problem:
-    """A bar of E = 1 Pa, 1 m high and wide, clamped at x = 0, its tip pushed down.
+    """A bar of E = 1 Pa, clamped at x = 0, its tip pushed down by P L^2 / (E I) [-].
 
-    Args:
-        slenderness: Its length [m].
-        poissons_ratio: [-].
-        load: P L^2 / (E I) [-].
-        cells_across: Bricks over the height, a third as many over the width.
+    It is `slenderness` m long, 1 m high and wide, with so many bricks over the height and a third
+    as many over the width.
     """
     L, n = slenderness, cells_across
     mesh = brick_box((max(2, round(n * L)), max(2, n // 3), n), (L, 1.0, 1.0))
@@ -169,11 +161,7 @@ def follow(
 ) -> Series:
     """Linear and Green strain under rising loads, as far as Green strain bears them.
 
-    Args:
-        slenderness: See `make_bar`.
-        poissons_ratio: [-].
-        nominals: The loads, in the deflection that linear strain predicts.
-        cells_across: See `make_bar`.
+    The loads are given by the deflection over the length that linear strain predicts.
     """
     linear, compliance = _unit_response(slenderness, poissons_ratio, cells_across)
     points, green = [], None

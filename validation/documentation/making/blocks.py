@@ -21,18 +21,9 @@ _MARK = re.compile(r"<!-- (?:run(?:: (?P<code>\d))?(?P<how>(?: \w+)*)|file (?P<f
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block.
+    """A fenced block from line to `last`, from 1, in the language `kind`, and what its mark asks.
 
-    Attributes:
-        line: Of its opening fence, from 1.
-        last: Of its closing fence.
-        kind: The language that it names.
-        text: Of it.
-        is_run: Whether it is marked to be run.
-        code: The exit code that it ends with.
-        is_quiet: Whether what it prints is left out.
-        is_nightly: Whether it is run at night only.
-        file: Where it is written, for the blocks below; empty where it is not.
+    It ends with the exit `code`; `file` is where it is written, for the blocks below.
     """
 
     line: int
@@ -47,11 +38,7 @@ class Block:
 
 
 def blocks_of(page: str) -> Iterator[Block]:
-    """Of a page, from top to bottom.
-
-    Raises:
-        ValueError: A block without an end, or a mark that nobody knows.
-    """
+    """Of a page, from top to bottom; ValueError for one without an end, or an unknown mark."""
     start: int | None = None
     lines = page.splitlines()
     for number, line in enumerate(lines, start=1):
@@ -92,11 +79,7 @@ class BlockFailedError(Exception):
 
 
 def with_outputs(name: str, page: str) -> str:
-    """The page, each of its marked blocks run and followed by what it printed.
-
-    Raises:
-        BlockFailedError: One of them ended otherwise than its mark says.
-    """
+    """The page, each of its marked blocks run and followed by what it printed; see `run_blocks`."""
     blocks = list(blocks_of(page))
     printed = run_blocks(name, [block for block in blocks if not block.is_nightly])
     lines = page.splitlines()

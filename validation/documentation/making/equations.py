@@ -51,11 +51,7 @@ class Location:
 
 
 def find(words: str) -> Location:
-    """The place that "path name" speaks of.
-
-    Raises:
-        LookupError: The file defines nothing of this name.
-    """
+    """The place that "path name" speaks of; LookupError where the file defines no such name."""
     path, name = words.split()
     lines = (ROOT / path).read_text("utf-8").splitlines()
     span = _in_python if path.endswith(".py") else _in_cpp

@@ -202,11 +202,7 @@ def load_parts(job: dict[str, Any], count: int = 4) -> list[float]:
 
 
 def require_fixed_points(job: dict[str, Any]) -> None:
-    """Check a job for tools that can only fix whole points where they are.
-
-    Raises:
-        ValueError: The job fixes single components, or moves what it fixes.
-    """
+    """Raise ValueError where a job fixes components, or moves them: some fix whole points alone."""
     is_fixed = job["fixed"].astype(bool)
     if (is_fixed.any(axis=1) != is_fixed.all(axis=1)).any() or job["prescribed_displacement"].any():
         raise ValueError("only whole points can be fixed, where they are")
@@ -252,7 +248,7 @@ def relax(
     step: Callable[[], None], velocity: Callable[[], Any], inertia: Any, force: float,
     tolerance: float, most: int, out_of_balance: Callable[[], Any] | None = None,
 ) -> tuple[int, float]:  # fmt: skip
-    """Step to rest.
+    """Step to rest; returns the number of steps and the last relative residual.
 
     Args:
         step: Takes one step, by semi-implicit Euler unless `out_of_balance` is given.
@@ -264,9 +260,6 @@ def relax(
         out_of_balance: Returns the present residual forces [N]. Without it they are read from the
             change of velocity, which is equivalent for explicit steps alone: implicit steps that
             are not solved to the end hardly change it, even far from equilibrium.
-
-    Returns:
-        The number of steps, and the last relative residual.
     """
     energy, before, residual = 0.0, velocity().copy(), np.inf
     for count in range(1, most + 1):

@@ -45,15 +45,10 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """A job by its nodes: the case's points, then the middles of edges.
+    """A job by its nodes: the case's points, then the middles of edges, (num_nodes, 3) each.
 
-    Attributes:
-        points: Positions of the nodes [m], (num_nodes, 3).
-        cells: Four corners and six middle nodes, (num_cells, 10).
-        fixed: 1 where fixed, (num_nodes, 3).
-        prescribed: Displacement of fixed components [m].
-        force: Forces on the nodes [N].
-        parts: Linear tetrahedra between the nodes, (8 num_cells, 4).
+    `cells` have four corners and six middle nodes; `parts` are linear tetrahedra between the nodes,
+    (8 num_cells, 4).
     """
 
     points: Any
@@ -82,9 +77,8 @@ class Quadratic:
     def of(cls, job: dict[str, Any]) -> Quadratic:
         """Make nodes from arrays as in `rest.npz`, with `load_kinds`.
 
-        Raises:
-            ValueError: There are loads of more than one kind, whose parts at the points cannot
-                be separated, or a traction varies.
+        Raises ValueError for loads of more than one kind, whose parts at the points cannot be
+        separated, or a traction that varies.
         """
         points, cells = job["points"], job["cells"].astype(np.int64)
         ends = np.sort(cells[:, EDGES], axis=2)

@@ -122,11 +122,7 @@ def paper_rate(bytes_per_cell: float, bandwidth: float = H100_BANDWIDTH) -> floa
 
 
 def copy_bandwidth(body: ExplicitBody, *, megabytes: int = 256) -> float:
-    """Bandwidth of copies on the body's device, bytes read and written [bytes/s].
-
-    Raises:
-        InputError: A body of the compiled core.
-    """
+    """Bandwidth of copies on the body's device, bytes read and written [bytes/s]; see above."""
     return float(_launches(body).copy_bandwidth(megabytes * 1_000_000))
 
 
