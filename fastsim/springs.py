@@ -81,12 +81,6 @@ class PatchSprings:
         np.add.at(whole, self.of_facet, self._shares.sum(axis=1))
         return sums / whole[:, None]
 
-    def energy(self, displacement: Points, anchors: Points, factors: Floats) -> float:
-        """Half the sum of K_ab (d - u_a) . (d - u_b) [J]."""
-        apart = anchors[self.of_facet][:, None] - displacement[self.facets]
-        by_facet = np.einsum("maj,mab,mbj->m", apart, self._K, apart)
-        return 0.5 * float(factors[self.of_facet] @ by_facet)
-
     def multiply(self, displacement: Points) -> Points:
         """Sum over b of K_ab u_b of all springs at full stiffness [N], shape (num_points, 3)."""
         return self._summed(self._K @ displacement[self.facets])

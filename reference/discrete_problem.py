@@ -35,15 +35,8 @@ class LawForms:
 
     Every law is W = W_0 + lmbda/2 g^2, with W_0 the energy for lmbda = 0 and g a measure of the
     change of volume: tr E for laws linear in strain, tr U - 3 for the corotational law, J - 1 or
-    ln J for the others.
-
-    Args:
-        space: Displacement space.
-        u: Displacement, in UFL.
-        material: The material whose law and Ogden terms are used.
-        strain: Strain measure.
-        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell; None
-            instead of lmbda gives W_0 alone.
+    ln J for the others. Moduli are Lamé's parameters and c01 [Pa], functions that are constant in
+    each cell; None instead of lmbda gives W_0 alone.
 
     Attributes:
         degree: Degree of the quadrature.
@@ -114,13 +107,6 @@ class LawForms:
 
 class ElasticBody:
     """Internal forces, their tangent and energy on a space; E and nu are data of the forms.
-
-    Args:
-        space: Displacement space.
-        material: Elastic constants.
-        strain: Strain measure.
-        inclusions: Cells with other elastic constants.
-        element: Smoothed tetrahedra are of degree 1.
 
     Attributes:
         u: Displacement, a function.
@@ -240,8 +226,7 @@ class ElasticBody:
     def with_smoothing(self, matrix: Any) -> Any:
         """The derivative of `virtual_work` at `u`, along x, y, z, with the terms of smoothing.
 
-        Args:
-            matrix: The derivative at fixed stress; returned as it is where nothing is smoothed.
+        `matrix` is the derivative at fixed stress; returned as it is where nothing is smoothed.
         """
         if self._smoothed is None:
             return matrix
@@ -264,12 +249,6 @@ class ElasticBody:
 
 class DiscreteProblem(ElasticBody):
     """An elastic body with the supports, loads, springs and tools of its problem.
-
-    Args:
-        problem: Mesh, material, supports, loads, springs and tools.
-        strain: Strain measure.
-        degree: Polynomial degree of the displacement.
-        element: See `ElasticBody`.
 
     Attributes:
         fixed: Degrees of freedom that supports fix, with their prescribed values.
@@ -314,12 +293,9 @@ class DiscreteProblem(ElasticBody):
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
-        """Interpolate a flat vector of a problem on another mesh to this one.
+        """Interpolate a flat vector of a problem on another mesh of the same body to this one.
 
-        Args:
-            other: The problem on the other mesh of the same body.
-            values: Its flat vector.
-            cells: For each cell of this TetMesh the cell of the other that it lies in.
+        `cells`: for each cell of this TetMesh the cell of the other that it lies in.
         """
         other.set_displacement(values)
         return self.to_local(carry_field(other.space, other.u, self.space, cells))

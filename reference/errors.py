@@ -115,9 +115,7 @@ class ReferenceStepError(ReferenceFailedError):
 class ReferenceCrashedError(ReferenceFailedError):
     """The process of the reference ended without a result.
 
-    Attributes:
-        exit_code: Exit status of the process; negative for a signal.
-        stderr_tail: The last lines that it wrote to standard error.
+    `.exit_code` is negative for a signal; `.stderr_tail` is the last lines of its standard error.
     """
 
     def __init__(self, exit_code: int, stderr_tail: str) -> None:
@@ -145,9 +143,7 @@ def _cause(stderr_tail: str) -> str:
 class ReferenceTooLongError(ReferenceFailedError):
     """Runs were not started because together they would take longer than allowed.
 
-    Attributes:
-        needed: Least time of all runs, estimated from the first of them [s].
-        budget: Time allowed for all runs [s].
+    `.needed` is the least time of all, estimated from the first, `.budget` the time allowed [s].
     """
 
     def __init__(self, needed: float, budget: float) -> None:
@@ -159,12 +155,7 @@ class ReferenceTooLongError(ReferenceFailedError):
 
 
 class ReferenceTimeoutError(ReferenceFailedError):
-    """The process of the reference was ended at its time limit.
-
-    Attributes:
-        time_limit: The limit [s].
-        stderr_tail: The last lines that it wrote to standard error.
-    """
+    """The process of the reference was ended at its `.time_limit` [s]; `.stderr_tail` as above."""
 
     def __init__(self, time_limit: float, stderr_tail: str = "") -> None:
         self.time_limit = time_limit

@@ -59,15 +59,10 @@ def remove_unfinished(folder: Path) -> list[str]:
 
 
 def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
-    """Call `make` with the compiled forms of a folder, which other processes may use too.
+    """Call `make` with the compiled forms of a folder, which other processes use too; its result.
 
-    Args:
-        folder: Folder of compiled forms.
-        make: Raises TimeoutError where another process compiles the same form, or has died doing
-            so; it is called again when that process has ended.
-
-    Returns:
-        The result of `make`.
+    It raises TimeoutError where another process compiles the same form, or has died doing so, and
+    is called again when that process has ended.
     """
     tries_alone = 0
     while True:
@@ -84,14 +79,10 @@ def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
 
 @contextlib.contextmanager
 def locked(folder: Path, *, alone: bool = True, wait: bool = True) -> Iterator[bool]:
-    """Lock the folder; yields whether the lock was obtained.
+    """Lock the folder, exclusively or shared; yields whether the lock was obtained.
 
-    Args:
-        folder: Folder of compiled forms.
-        alone: Take the exclusive lock; else a shared one.
-        wait: Wait for other processes, however long; else the lock may not be obtained.
-
-    Windows has no such lock: there two processes that compile the same form disturb each other.
+    That may fail unless it waits for other processes, however long. Windows has no such lock: there
+    two processes that compile the same form disturb each other.
     """
     try:
         import fcntl

@@ -80,26 +80,18 @@ def second_piola_kirchhoff_stress(E: Any, lmbda: Any, mu: Any) -> Any:
 
 
 def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
-    """Energy density W of a deformation gradient [J/m3], 0 at rest.
+    """Energy density W of a deformation gradient [J/m3], 0 at rest, of moduli at rest [Pa].
 
-    Args:
-        F: Deformation gradient; det F > 0 except for the stable neo-Hookean laws.
-        law: Neither Saint-Venant-Kirchhoff's, which is written in E, nor a law in stretches.
-        lmbda: Lamé's first parameter at rest [Pa].
-        mu: Shear modulus at rest [Pa].
-        c01: Constant of Mooney and Rivlin's law [Pa]; other laws ignore it.
+    det F > 0 except for the stable neo-Hookean laws. The law is neither Saint-Venant-Kirchhoff's,
+    which is written in E, nor a law in stretches; only Mooney and Rivlin's reads c01.
     """
     return _density(right_cauchy_green(F), ufl.det(F), law, lmbda, mu, c01)
 
 
 def shape_energy_density(E: Any, law: Law, mu: Any, c01: Any) -> Any:
-    """Energy density W of a Green strain [J/m3] with lmbda = 0, J the root of det C.
+    """Energy density W of a Green strain [J/m3] with lmbda = 0, J the root of det C; see above.
 
-    Args:
-        E: Symmetric with C = I + 2 E positive definite; need not be the strain of a displacement.
-        law: See `energy_density`.
-        mu: See `energy_density`.
-        c01: See `energy_density`.
+    E is symmetric with C = I + 2 E positive definite; need not be the strain of a displacement.
     """
     C = ufl.Identity(3) + 2 * E
     return _density(C, ufl.sqrt(ufl.det(C)), law, 0, mu, c01)

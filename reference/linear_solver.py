@@ -31,15 +31,9 @@ class LinearSolveError(RuntimeError):
 
 @contextlib.contextmanager
 def errors_of(name: str) -> Iterator[None]:
-    """Turn an error of PETSc that occurs on every rank into a LinearSolveError.
+    """Turn an error of PETSc in a solver that occurs on every rank into a LinearSolveError.
 
     An error on some ranks only is raised unchanged: the other ranks wait inside the solve.
-
-    Args:
-        name: Name of the solver.
-
-    Raises:
-        LinearSolveError: PETSc raised an error on every rank.
     """
     try:
         yield
@@ -181,11 +175,7 @@ class LinearSolver:
     ) -> Floats:
         """Return du for another right-hand side, with du = 0 at the fixed entries.
 
-        Args:
-            matrix: The matrix as the last `solve` left it.
-            rhs: See `solve`.
-            fixed: The same entries as in the last `solve`.
-            tolerance: See `solve`.
+        Matrix and fixed entries are as the last `solve` left them.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -359,11 +349,7 @@ _PREFIX = "palpate_reference_lagged_"
 
 
 class LaggedFactors:
-    """Solves A du = b with some entries of du prescribed, for one A after another.
-
-    Args:
-        is_symmetric: Whether the matrices are.
-    """
+    """Solves A du = b with some entries of du prescribed, for one A after another."""
 
     def __init__(self, *, is_symmetric: bool) -> None:
         self._is_symmetric = is_symmetric
@@ -396,19 +382,9 @@ class LaggedFactors:
     def solve(
         self, matrix: Any, rhs: Floats, fixed: Indices, values: Floats, *, tolerance: float
     ) -> Floats:
-        """Return du with matrix du = rhs on the free entries and du = values on the fixed ones.
+        """See `LinearSolver.solve`, for matrices of the same size and pattern each time.
 
-        Overwrites the fixed rows and columns of the matrix.
-
-        Args:
-            matrix: PETSc matrix, of the same size and pattern each time.
-            rhs: Right-hand side, the entries this rank owns, shape (num_dofs,).
-            fixed: Prescribed entries, shape (n,).
-            values: Their values, shape (n,).
-            tolerance: Relative residual at which to stop; 1e-4 where that is less.
-
-        Raises:
-            LinearSolveError: No finite solution was found.
+        No tolerance is less than 1e-4.
         """
         x, b = _prescribed(matrix, rhs, fixed, values, is_symmetric=self._is_symmetric)
         self._ksp.setTolerances(rtol=max(tolerance, _ROUGH))

@@ -65,32 +65,33 @@ def follow(
     """Go from 0 to 1; halve the step where Newton fails, double it where it converges fast.
 
     Each step starts from the last equilibrium, or from the extrapolation of the last two where
-    that inverts no cell.
-
-    Args:
-        stage: What changes with the parameter.
-        sampler: Measures det F.
-        start: Equilibrium at 0, flat [m].
-        step: First step of the parameter, in (0, 1].
-        guess: First iterate of the first step, flat [m]; None is `start`.
-        name: Name of the parameter, for the log.
-        few_iterations: A step with at most this many linear solves converged fast.
-        largest_step: Largest step of the parameter, in (0, 1].
-        progress: Called with one line of text for every iteration.
+    that inverts no cell; the first from `guess` [m], if there is one, or from the equilibrium
+    `start` at 0. Steps of the parameter, called `name` in the log, are in (0, 1]; one with at most
+    `few_iterations` linear solves converged fast.
     """
     path: list[tuple[float, Floats]] = [(0.0, start)]
     reached: list[float] = []
+    target = 0.0
+
+    def report(iteration: int, relative: float, det_f: float) -> None:
+        progress(
+            f"{name} {target:.4f}, iteration {iteration}: relative residual {relative:.2e}, "
+            f"smallest det F {det_f:.4f}"
+        )
+
     iterations, residual = 0, 0.0
     while path[-1][0] < 1.0:
-        last = path[-1][0]
+        last, first = path[-1]
         # A slightly longer step avoids a small last one that costs a whole Newton iteration.
         target = 1.0 if last + _LAST_STRETCH * step >= 1.0 else last + step
-        outcome = stage.solve(
-            _extrapolate(path, target, sampler) if guess is None else guess,
-            target,
-            report=_reporter(progress, name, target),
-        )
-        guess = None
+        if guess is not None:
+            first, guess = guess, None
+        elif len(path) > 1:
+            before, u_before = path[0]
+            ahead = first + (target - last) / (last - before) * (first - u_before)
+            if sampler.smallest(ahead) > 0.5 * sampler.smallest(first):
+                first = ahead
+        outcome = stage.solve(first, target, report=report)
         iterations += outcome.iterations
         reason = outcome.reason
         if outcome.converged and not stage.is_stable(outcome.displacement, target):
@@ -124,22 +125,3 @@ def _first_step(
     step = max(step, 2.0 * _SMALLEST_STEP)
     start = step * linear
     return step, (start if sampler.smallest(start) > 0.0 else None), 1
-
-
-def _extrapolate(path: list[tuple[float, Floats]], target: float, sampler: DetFSampler) -> Floats:
-    last, u_last = path[-1]
-    if len(path) < 2:
-        return u_last
-    before, u_before = path[-2]
-    ahead: Floats = u_last + (target - last) / (last - before) * (u_last - u_before)
-    return ahead if sampler.smallest(ahead) > 0.5 * sampler.smallest(u_last) else u_last
-
-
-def _reporter(progress: Progress, name: str, target: float) -> Report:
-    def report(iteration: int, relative: float, det_f: float) -> None:
-        progress(
-            f"{name} {target:.4f}, iteration {iteration}: relative residual {relative:.2e}, "
-            f"smallest det F {det_f:.4f}"
-        )
-
-    return report

@@ -48,9 +48,7 @@ class Loaded(Protocol):
 class FollowerLoad:
     """The forces of a load that depends on the displacement, and their derivative.
 
-    Args:
-        body: The body on which it acts.
-        work: Virtual work of the full load, as a UFL form [J].
+    Of the virtual work of the full load on a body, as a UFL form [J].
     """
 
     def __init__(self, body: Loaded, work: Any) -> None:
@@ -72,17 +70,9 @@ class FollowerLoad:
 
 
 def apply_loads(body: Loaded, loads: Sequence[Load]) -> tuple[Floats, list[FollowerLoad]]:
-    """Turn loads into nodal forces and followers.
+    """Nodal forces of loads that do not depend on the displacement [N], flat, and those that do.
 
     Under linear strain a pressure acts on the rest surface, as in the linear theory: a dead load.
-
-    Args:
-        body: The body on which they act.
-        loads: The loads.
-
-    Returns:
-        Nodal forces that do not depend on the displacement [N], flat over the body's space, and
-        the loads that do.
 
     Raises:
         InputError: A value is not finite.
@@ -174,11 +164,6 @@ class SpringForce(FollowerLoad):
     """The forces of a spring on a body, and their derivative.
 
     The anchor is at the end of the spring's path until `move_to` is called.
-
-    Args:
-        body: The body that the spring is attached to.
-        spring: The spring.
-        what: Its name in messages, such as "spring 2".
     """
 
     def __init__(self, body: Loaded, spring: Spring, what: str) -> None:

@@ -91,11 +91,6 @@ class TransferredMesh:
         """Return a constant of the material as a function that is constant in each cell.
 
         It is a function also for a single material, so that every body has the same compiled forms.
-
-        Args:
-            material: Material of the cells in no inclusion.
-            inclusions: Cells of another material (see `Problem`).
-            value: Returns the constant of a material.
         """
         values = np.full(self.source.num_cells, value(material))
         for inclusion in inclusions:
@@ -103,11 +98,9 @@ class TransferredMesh:
         return fenicsx.cell_function(self.mesh, values[self.cell_of_cell])
 
     def facet_entities(self, facets: Indices, what: str) -> Indices:
-        """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.
+        """Numbers of boundary facets, each once, in this rank's part of the dolfinx mesh, sorted.
 
-        Args:
-            facets: Boundary facets, each once, by points, shape (n, 3), in any order of points.
-            what: Name of the load or spring, for the message.
+        `what` names the load or spring in a message.
         """
         rows = checked_indices(facets, 3, self.source.num_points, f"facets of {what}")
         if len(rows) == 0:
@@ -261,17 +254,9 @@ def carry_field(
     """Values of a function on one mesh at the nodes of another mesh of the same body.
 
     The two meshes are distributed over the ranks in different ways: each rank requests the values
-    at its own nodes from the ranks that own the cells in which these nodes lie.
-
-    Args:
-        source: Space of the first mesh.
-        field: A function on that mesh.
-        target: Space of the second mesh.
-        cells: Cell of the first TetMesh that each cell of the second lies in.
-
-    Returns:
-        Flat values of the nodes that this rank owns, in the order of `target`; exact where the
-        first space is contained in the second.
+    at its own nodes from the ranks that own the cells in which these nodes lie. `cells` is the cell
+    of the first TetMesh that each cell of the second lies in. Flat, of the nodes that this rank
+    owns; exact where the first space is contained in the second.
     """
     here = source.transferred
     number = np.full(here.source.num_cells, -1, dtype=np.int32)

@@ -37,15 +37,9 @@ from palpate.reference.result import Formulation
 
 
 class MixedProblem(DiscreteProblem):
-    """A discrete problem with pressure among its unknowns.
+    """A discrete problem with pressure, of one degree less, among its unknowns.
 
     Flat vectors hold displacements and pressures, in the order of the mixed space.
-
-    Args:
-        problem: Mesh, material, supports and loads.
-        strain: Strain measure.
-        degree: Polynomial degree of the displacement, 2 or 3; that of the pressure is one less.
-        element: LINEAR, which stands for all elements that are not smoothed.
 
     Raises:
         InputError: Degree 1, smoothed tetrahedra, or a Poisson's ratio that is not above 0.

@@ -49,9 +49,8 @@ class MovingBody:
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
         element: Kind of the tetrahedra.
-        loads_by: Factor over time [-] on all loads, or one for each (None is 1); None takes each
-            load's own.
-        supports_by: The same for the supports' displacements.
+        loads_by: See `simulate_implicit`, its `amplitude`.
+        supports_by: See `simulate_implicit`, its `support_amplitude`.
         is_mass_lumped: Take row sums instead of the consistent mass.
         is_viscous_by_change: Take viscous forces by changes of strain per step; see `Viscosity`.
 
@@ -128,9 +127,7 @@ class MovingBody:
     def start(self, displacement: Field, velocity: Field) -> tuple[Floats, Floats]:
         """Displacement [m] and velocity [m/s] at time 0, flat; the velocity of the problem if None.
 
-        Args:
-            displacement: At the mesh's points, linear between them; or a function of rest points.
-            velocity: Given like the displacement.
+        Given at the mesh's points, linear between them; or as a function of rest points.
         """
         v = self._flat(velocity)
         if velocity is None and self.problem.initial_velocity is not None:
@@ -168,12 +165,7 @@ class MovingBody:
             spring.add_tangent(matrix, weight * spring.factor(time))
 
     def internal(self, displacement: Floats, other: Floats) -> tuple[Floats, Floats | None]:
-        """Internal forces, and their viscous part if there is any [N], flat.
-
-        Args:
-            displacement: Displacement [m], flat.
-            other: The velocity, or the earlier displacement: see `Viscosity.force`.
-        """
+        """Internal forces, and their viscous part if any [N], flat; see `Viscosity.force`."""
         force = self.body.internal_force(displacement)
         if self.viscosity is None:
             return force, None
@@ -318,11 +310,8 @@ def _always(_time: float) -> float:
 class Viscosity:
     """Viscous forces of a body, by rates or by finite changes of its strain.
 
-    Args:
-        body: The body; its displacement, moduli at rest, strain measure and element are used.
-        factor: beta [s]; where `is_by_change`, beta over the time step [-].
-        is_by_change: Take E(u) - E(w) for an earlier displacement w instead of the rate of E along
-            a velocity w.
+    Of a factor beta [s]; where `is_by_change`, which takes E(u) - E(w) for an earlier displacement
+    w instead of the rate of E along a velocity w, of beta over the time step [-].
     """
 
     def __init__(self, body: ElasticBody, factor: float, *, is_by_change: bool = False) -> None:
@@ -369,9 +358,7 @@ class Viscosity:
     def force(self, displacement: Floats, other: Floats) -> Floats:
         """Nodal forces, a part of the internal ones [N], flat.
 
-        Args:
-            displacement: Flat [m].
-            other: The velocity [m/s], or the earlier displacement.
+        At a displacement [m] and a velocity [m/s], or the earlier displacement [m], flat.
         """
         body = self._body
         body.set_displacement(displacement)
@@ -386,10 +373,8 @@ class Viscosity:
     def add_tangent(self, matrix: Any, by_displacement: float, by_rate: float) -> None:
         """Add the derivative of the last force, along x, y, z; under Green strain not symmetric.
 
-        Args:
-            matrix: The body's tangent, a PETSc matrix.
-            by_displacement: Weight of the derivative by the displacement.
-            by_rate: Weight of the derivative by the velocity or the earlier displacement.
+        To the body's tangent, a PETSc matrix, with weights of the derivatives by the displacement
+        and by the velocity or the earlier displacement.
         """
         if not self._tangents:
             self._compile()

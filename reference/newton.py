@@ -67,13 +67,8 @@ class Outcome:
 class Newton:
     """Newton's method for an equilibrium (eq. 9) by the consistent tangent; one step solves eq. 5.
 
-    Args:
-        discrete: The discrete problem.
-        sampler: Measures det F.
-        relative_tolerance: Tolerance of the norm of the free residual over the larger norm of
-            external and internal forces [-].
-        max_iterations: Largest number of iterations.
-        largest_direct: See `LinearSolver`.
+    The tolerance is of the norm of the free residual over the larger norm of external and internal
+    forces [-]. For `largest_direct` see `LinearSolver`.
     """
 
     def __init__(
@@ -126,10 +121,7 @@ class Newton:
     def solve_again(self, displacement: Floats, rhs: Floats, *, tolerance: float) -> Floats:
         """Solve K x = rhs, x = 0 at fixed entries, with the factors or multigrid of the last solve.
 
-        Args:
-            displacement: Displacement of K: the equilibrium that was found last.
-            rhs: Right-hand side, flat.
-            tolerance: Relative residual of an iterative solver.
+        K is that of the equilibrium that was found last; `tolerance` is of an iterative solver.
 
         Raises:
             LinearSolveError: No finite solution was found.

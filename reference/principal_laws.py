@@ -45,12 +45,9 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 @dataclass(frozen=True, eq=False)
 class OfStrains:
-    """A function of n triples of principal strains with its derivatives.
+    """A function of n triples of principal strains, with its derivatives.
 
-    Attributes:
-        value: Values, (n,).
-        slope: First derivatives by the strains, (n, 3).
-        bend: Second derivatives, symmetric, (n, 3, 3).
+    Values (n,), first derivatives by the strains (n, 3), second derivatives (n, 3, 3), symmetric.
     """
 
     value: Floats
@@ -88,11 +85,8 @@ def energy_of_stretches(
 ) -> PrincipalFunction:
     """Energy density W of principal strains by a law that is written in stretches [J/m3].
 
-    Args:
-        law: Ogden's or the corotational one.
-        lmbda: Lamé's first parameter at rest [Pa], (n,); 0 leaves out the volumetric energy.
-        mu: Shear modulus at rest [Pa], (n,).
-        terms: Terms of Ogden's law (see `Material`).
+    Of moduli at rest [Pa], (n,); lmbda = 0 leaves out the volumetric energy. For Ogden's terms see
+    `Material`.
     """
     if law is Law.COROTATIONAL:
         return lambda e: _corotational(e, lmbda, mu)
@@ -143,15 +137,10 @@ def mandel(tensors: Floats) -> Floats:
 
 
 def of_tensors(E: Floats, function: PrincipalFunction) -> tuple[Floats, Floats, Floats]:
-    """A function of symmetric tensors with its derivatives, in Mandel's order.
+    """A function of Green strains, (n, 3, 3), with its derivatives, in Mandel's order.
 
-    Args:
-        E: Green strains, (n, 3, 3).
-        function: The function of their principal values.
-
-    Returns:
-        Value (n,), df/dE (n, 6), d2f/dE2 (n, 6, 6); NaN where E is not finite or the function has
-        no value.
+    Value (n,), df/dE (n, 6), d2f/dE2 (n, 6, 6); NaN where E is not finite or the function has no
+    value.
     """
     is_finite = np.isfinite(E).all(axis=(1, 2))
     e, along = np.linalg.eigh(np.where(is_finite[:, None, None], E, 0.0))
@@ -184,14 +173,10 @@ _UPPER = np.triu_indices(6)
 
 
 class StrainCoefficients:
-    """A function of Green's strain of a displacement, with its first two derivatives.
+    """A function of Green's strain of a displacement in UFL, with its first two derivatives.
 
-    Args:
-        mesh: The dolfinx mesh.
-        u: Displacement in UFL.
-        function: Returns, for a number n, the function of the principal strains at n points of
-            each cell, cell by cell, (n * num_cells, 3).
-        degree: Degree of the quadrature.
+    `function` returns, for a number n, the function of the principal strains at n points of each
+    cell, cell by cell, (n * num_cells, 3); n follows from the degree of the quadrature.
 
     Attributes:
         value: f in UFL.
@@ -225,12 +210,7 @@ class StrainCoefficients:
         self._last = E
 
     def changes(self, of: Any, direction: Any) -> list[Any]:
-        """Derivatives of a form by f and df/dE alone, of those that it contains.
-
-        Args:
-            of: The form.
-            direction: Direction in which u changes.
-        """
+        """Derivatives of a form by f and df/dE alone, of those that it contains, as u changes."""
         found = []
         if self._value in of.coefficients():
             along = ufl.inner(self.slope, self._strain_change(direction))
@@ -263,13 +243,8 @@ def energy_by_cell(
 ) -> Callable[[int], PrincipalFunction]:
     """Energy density W of principal strains in each cell, by a law that is written in stretches.
 
-    Args:
-        material: The material whose law and Ogden terms are used.
-        lmbda: First Lamé parameter [Pa], a function that is constant in each cell; None for 0.
-        mu: Shear modulus [Pa], a function that is constant in each cell.
-
-    Returns:
-        For a number of points in each cell, the function of their principal strains.
+    Lamé's parameters [Pa] are functions that are constant in each cell; None is 0. Returns, for a
+    number of points in each cell, the function of their principal strains.
     """
 
     def function(num_points: int) -> PrincipalFunction:

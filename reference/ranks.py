@@ -24,8 +24,6 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.problem_files import load_problem, save_problem
-from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
 from palpate.reference.errors import (
     ReferenceCrashedError,
@@ -71,11 +69,8 @@ def is_follower() -> bool:
 def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Progress) -> Any:
     """Do a task on all ranks; called on rank 0, returns the result of rank 0.
 
-    Args:
-        task: Picklable task that makes the same collective calls on every rank.
-        problem: The problem, which is sent to all ranks.
-        time_limit: All ranks are ended after this [s].
-        progress: Called on rank 0 with one line of text now and then.
+    The task is picklable and makes the same collective calls on every rank; all ranks are ended
+    after the time limit [s].
 
     Raises:
         ReferenceUnavailableError: mpirun does not belong to the MPI FEniCSx was built with.
@@ -84,13 +79,9 @@ def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress:
     """
     global _is_under_way
     comm = _communicator()
-    with scratch_folder("ranks") as folder:
-        given = folder / "problem.npz"
-        save_problem(given, problem)
-        sent = given.read_bytes()
     _is_under_way = True
     for rank in range(1, comm.size):
-        comm.send((task, sent), dest=rank, tag=_TAG)
+        comm.send((task, problem), dest=rank, tag=_TAG)
     limit = min(time_limit, threading.TIMEOUT_MAX)
     timer = threading.Timer(limit, _end_all, (comm, 3, f"no answer within {limit:g} s"))
     timer.daemon = True
@@ -124,17 +115,17 @@ def follow() -> int:
             received = comm.recv(source=0, tag=_TAG)
             if received is None:
                 return 0
-            _together(comm, functools.partial(_do_part, *received), say_nothing)
+            task, problem = received
+            _together(comm, functools.partial(task, problem), say_nothing)
     except BaseException as error:
         _end_all(comm, 4, f"rank {comm.rank}: {type(error).__name__}: {error}")
         raise
 
 
 def dismiss(code: int) -> None:
-    """Let the followers go; called on rank 0 at its end, whatever happened.
+    """Let the followers go; called on rank 0 at its end, whatever happened, with its exit status.
 
-    Args:
-        code: Exit status of rank 0, and of all ranks if the others still wait for it in a task.
+    All ranks have that status if the others still wait for it in a task.
     """
     if num_ranks() == 1:
         return
@@ -167,14 +158,6 @@ def _communicator() -> Any:
             "use the mpirun that belongs to it"
         )
     return COMM.Dup()
-
-
-def _do_part(task: Task, sent: bytes, say: Progress) -> Any:
-    with scratch_folder("ranks") as folder:
-        given = folder / "problem.npz"
-        given.write_bytes(sent)
-        problem = load_problem(given)
-    return task(problem, say)
 
 
 def _together(

@@ -181,10 +181,6 @@ def numerical_damping_ratio(integrator: Integrator, omega_dt: float) -> float:
     1987, eq. 9.1.30 with arg z for the frequency. It is about omega dt / 2 for backward Euler,
     (omega dt)^3 / 4 for BDF2, and 0 for the others.
 
-    Args:
-        integrator: The scheme.
-        omega_dt: Angle of a step omega dt [rad], > 0.
-
     Raises:
         InputError: As `amplification`.
     """
@@ -196,10 +192,6 @@ def numerical_damping_ratio(integrator: Integrator, omega_dt: float) -> float:
 
 def frequency_ratio(integrator: Integrator, omega_dt: float) -> float:
     """Frequency of the computed oscillation over the exact one, arg z / (omega dt) [-].
-
-    Args:
-        integrator: The scheme.
-        omega_dt: Angle of a step omega dt [rad], > 0.
 
     Raises:
         InputError: As `amplification`.

@@ -71,12 +71,10 @@ Rates: TypeAlias = tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Cells of one material around each edge, or around each node.
+    """Cells of one material around each edge, or around each node, and their volumes [m3].
 
-    Attributes:
-        of_cell: Patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes.
-        volumes: Volumes of the patches [m3], to each of which a cell adds an equal part of its own,
-            shape (num_patches,).
+    `of_cell` is the patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes;
+    to the volume of each of them it adds an equal part of its own.
     """
 
     of_cell: Indices
@@ -84,13 +82,9 @@ class Patches:
 
 
 def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) -> Patches:
-    """Gather the cells around the edges (dimension 1) or nodes (0) of a dolfinx mesh.
+    """Gather the cells around the edges (dimension 1) or nodes (0) of a dolfinx mesh on one rank.
 
-    Args:
-        mesh: A mesh on one rank, since cells of other ranks at an edge would be missing.
-        dimension: 1 or 0.
-        constants: Material constants of each cell, shape (num_cells, n); equal rows share patches.
-        volumes: Volumes of the cells [m3], shape (num_cells,).
+    Cells with equal rows of constants share patches; volumes are those of the cells [m3].
     """
     topology = mesh.topology
     topology.create_entities(dimension)
@@ -108,11 +102,8 @@ def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) 
 class Smoothing:
     """The averages of a body and their law: stresses of cells from the integrals of E and m.
 
-    Args:
-        space: Displacement space of degree 1, on one rank.
-        material: The material whose law and Ogden terms are used.
-        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell.
-        is_hookean: Whether to take S linear in E whatever the law, without c01.
+    Moduli are Lamé's parameters and c01 [Pa], functions that are constant in each cell; if
+    `is_hookean`, S is linear in E whatever the law, without c01.
 
     Raises:
         InputError: The degree is not 1, or there is more than one rank.
@@ -172,12 +163,10 @@ class Smoothing:
         return float(self._edge_volumes @ self._edge_law.energies(strains) + of_nodes)
 
     def stiffness(self, integrals: Integrals, rates: Rates, changes: Rates | None = None) -> Any:
-        """(A B)^T D (A B'), a new PETSc matrix.
+        """(A B)^T D (A B'), a new PETSc matrix, with D at some integrals.
 
-        Args:
-            integrals: Integrals at which D is evaluated.
-            rates: B, derivatives of the integrals by the displacement.
-            changes: B', derivatives of the integrals that the stress depends on; None is B.
+        B are the derivatives of the integrals by the displacement, B' those of the integrals that
+        the stress depends on; None is B.
         """
         strains, measures = self._averaged(integrals)
         changes = changes or rates
@@ -199,14 +188,7 @@ class Smoothing:
 
 
 class SmoothedBody:
-    """The stress of a displacement by averaged strains and volumes.
-
-    Args:
-        space: Displacement space of degree 1, on one rank.
-        u: Displacement; its values may change.
-        material: See `Smoothing`.
-        strain: Strain measure.
-        moduli: See `Smoothing`.
+    """The stress of a displacement, whose values may change, by averaged strains and volumes.
 
     Attributes:
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.

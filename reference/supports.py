@@ -29,12 +29,7 @@ _ONE_PLANE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class NodeFrames:
-    """Nodes with axes of their own.
-
-    Attributes:
-        dofs: Degrees of freedom of each, shape (n, 3).
-        axes: Unit vectors as rows, shape (n, 3, 3).
-    """
+    """Nodes with axes of their own: degrees of freedom (n, 3), unit vectors as rows (n, 3, 3)."""
 
     dofs: Indices
     axes: Floats
@@ -78,11 +73,6 @@ class NodeFrames:
 
 class FixedDofs:
     """The fixed degrees of freedom and their prescribed values.
-
-    Args:
-        coordinates: Rest positions of the nodes that this rank owns [m], shape (num_blocks, 3).
-        supports: All supports of the problem.
-        blocks: Nodes of each support.
 
     Attributes:
         dofs: Sorted degrees of freedom (three per node), shape (n,); for nodes with axes of their

@@ -113,7 +113,6 @@ class CondensedSteps:
         self.tools = tuple(model.problem.tools if tools is None else tools)
         self._law = law or ContactLaw()
         self._tolerance, self._most = relative_tolerance, max_iterations
-        self._num_only_seen = len(model.seen) - len(model.touched)
         self._core, self.stiffnesses = self._build()
         self._poses = np.zeros((len(self.tools), 12))
         self.base = model.displacement()

@@ -67,12 +67,8 @@ class History:
     ) -> None:
         """Store a mesh's estimates, its differences from the mesh before, and its bars.
 
-        Args:
-            problem: The problem on the case's mesh.
-            found: The equilibrium on the mesh.
-            state: Its result on the case's mesh.
-            errors: Error of each goal by cells.
-            began: Time at which the solve on this mesh began [s].
+        `state` is the result on the mesh of `problem`, the case's; `errors` are those of each goal
+        by cells; the solve on this mesh began at a time [s].
         """
         mesh: dict[str, Any] = {
             "num_cells": found.problem.mesh.num_cells,
@@ -303,12 +299,7 @@ def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[
 
 
 def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
-    """The smallest set of cells that has a given fraction of the total error.
-
-    Args:
-        errors: Error of each cell, >= 0, shape (num_cells,).
-        part: Fraction in (0, 1].
-    """
+    """The smallest set of cells that has a part, in (0, 1], of the total of errors >= 0."""
     order = np.argsort(-errors, kind="stable")
     sums = np.cumsum(errors[order])
     marked = np.zeros(len(errors), dtype=bool)

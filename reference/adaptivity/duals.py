@@ -47,15 +47,12 @@ _PROJECTION_TOLERANCE = 1e-6
 
 
 class GradientRecovery:
-    """Projects displacement gradients of a discrete problem of degree 2 or 3.
+    """Projects displacement gradients of a discrete problem of degree 2 or 3, part by part.
 
-    Args:
-        discrete: The discrete problem, whose space and materials are used.
-        parts: Each 1 in a part's cells and 0 in the others, dolfinx numbering, (num_cells,).
+    Each part is 1 in its cells and 0 in the others, dolfinx numbering, (num_cells,).
     """
 
     def __init__(self, discrete: DiscreteProblem, parts: Sequence[Floats] = ()) -> None:
-        self._space = discrete.space
         transferred = discrete.space.transferred
         mesh, degree = transferred.mesh, discrete.space.degree
         self._field = fem.Function(discrete.space.space)
@@ -92,11 +89,8 @@ class GradientRecovery:
     def cell_errors(self, fields: list[Floats]) -> list[Floats]:
         """Root of the integral of mu |G - grad u|^2 over each cell, G the recovered gradient.
 
-        Args:
-            fields: Displacements, flat vectors of the space.
-
-        Returns:
-            For each field, in the TetMesh's order, the same on all ranks [J^(1/2)], (num_cells,).
+        For each of some displacements, flat vectors of the space: [J^(1/2)], in the TetMesh's
+        order, the same on all ranks, (num_cells,).
         """
         squared = np.zeros((len(fields), self._num_cells))
         for part in self._parts:
@@ -271,10 +265,7 @@ _FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], Any]] = {
 def duals_of(goal: Goal, solved: Solved, rough: Floats) -> list[Key]:
     """Keys of the duals that are used for a goal; for several duals see `worst_of`.
 
-    Args:
-        goal: The goal.
-        solved: The equilibrium.
-        rough: Error of its gradient in each cell, see `GradientRecovery`, (num_cells,).
+    `rough` is the error of the equilibrium's gradient in each cell, see `GradientRecovery`.
     """
     moved = solved.state.displacement
     largest = int(np.argmax(np.linalg.norm(moved, axis=1)))
@@ -372,14 +363,8 @@ def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
     """Dual displacements of relative goals, flat, in the order of the displacement's space [1/N].
 
     They are solved with the tangent by which stability was tested. Under follower loads it is the
-    last one of Newton's iteration and should be transposed, but a weight need not be exact.
-
-    Args:
-        solved: The equilibrium.
-        keys: See `duals_of`.
-
-    Returns:
-        The dual of each key; the displacement itself where the linear solve fails.
+    last one of Newton's iteration and should be transposed, but a weight need not be exact. Where
+    the linear solve fails, it is the displacement itself.
     """
     found, discrete = solved.found, solved.discrete
     duals = {}

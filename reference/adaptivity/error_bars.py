@@ -72,9 +72,8 @@ def error_bars(
 ) -> dict[str, float]:
     """Error bars of the quantities on one sequence of meshes, by the formulas above.
 
-    Args:
-        sequences: Differences and estimates by name: that of a quantity, for a part of the body
-            followed by "@" and a label; see `error_bar`.
+    From differences and estimates (see `error_bar`) by name: that of a quantity, for a part of the
+    body followed by "@" and a label.
 
     Raises:
         ValueError: A name does not begin with a quantity.
@@ -91,22 +90,18 @@ def error_bars(
 
 
 def bar_of(quantity: Quantity, differences: Sequence[float], estimates: Sequence[float]) -> float:
-    """Error bar of a single quantity, by the rules above; see `error_bar`.
-
-    Args:
-        quantity: The quantity.
-        differences: Between each mesh and the one before, shape (n,), >= 0.
-        estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
-    """
+    """Error bar of a single quantity, by the rules above; for the sequences see `error_bar`."""
     if not quantity.has_own_dual:
         return error_bar(differences, estimates, is_norm=quantity.is_norm)
     bar = error_bar(differences, estimates, least_ratio=LEAST_RATIO_OF_NUMBERS)
     estimate = estimates[-1]
     if quantity is Quantity.SURFACE_AREA:
         edges = AREA_OF_ESTIMATE * estimate
+        # Estimates on three or more meshes may show a rate, where their differences do not.
+        is_known = len(differences) > 1 and np.isfinite([*differences, *estimates]).all()
         if math.isfinite(bar):
             bar = max(bar, min(AREA_WIDER * bar, edges))
-        elif _estimates_settle(differences, estimates) and differences[-1] <= edges:
+        elif is_known and estimate <= LARGEST_RATIO * estimates[-2] and differences[-1] <= edges:
             bar = edges
     return max(bar, PART_OF_ESTIMATE * estimate)
 
@@ -147,23 +142,11 @@ def error_bar(
     return max(SAFETY * apart * ratio / (1.0 - ratio), SAFETY * NOISE)
 
 
-def _estimates_settle(differences: Sequence[float], estimates: Sequence[float]) -> bool:
-    """Whether the estimates on three or more meshes show a rate, where their differences do not."""
-    is_known = len(differences) >= 2 and bool(np.isfinite([*differences, *estimates]).all())
-    return is_known and estimates[-1] <= LARGEST_RATIO * estimates[-2]
-
-
 def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
     """Error bar of a quantity on the finer of two meshes, where a third could not be solved.
 
     The formula above with the estimates' ratio alone, LEAST_RATIO_OF_TWO and SAFETY_OF_TWO.
-
-    Args:
-        difference: Between the two, >= 0.
-        estimates: Of the error on both, shape (2,), >= 0.
-
-    Returns:
-        Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates do not decrease.
+    Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates on both do not decrease.
     """
     if not np.isfinite([difference, *estimates]).all():
         return math.inf

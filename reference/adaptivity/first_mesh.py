@@ -38,13 +38,9 @@ _MOST_ROUNDS = 4
 def first_mesh(problem: Problem, start: Points) -> tuple[Problem, Points, Indices]:
     """Cut the cells whose facets are too coarse for what touches them.
 
-    Args:
-        problem: A problem on the case's mesh.
-        start: Displacement near the equilibrium at its points [m], shape (num_points, 3).
-
-    Returns:
-        The problem on the finer mesh, the displacement at its points, linear in the case's cells,
-        and for each cell the cell of the case that it lies in, shape (num_cells,).
+    `start` is a displacement near the equilibrium at the points of the case's mesh [m]. Returns the
+    problem on the finer mesh, the displacement at its points, linear in the case's cells, and for
+    each cell the cell of the case that it lies in, shape (num_cells,).
     """
     case_cell: Indices = np.arange(problem.mesh.num_cells, dtype=np.int32)
     current, moved = problem, np.asarray(start, dtype=np.float64)

@@ -25,6 +25,8 @@ from palpate.reference.result import ReferenceResult
 
 # Below this fraction of the sum of all nodal forces' sizes the force of a support counts as zero.
 _NO_SUPPORT_FORCE = 1e-4
+# Of a support of single points, over the largest force.
+_NO_FORCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,14 +159,10 @@ class Budget:
 def has_limit(quantity: Quantity, strain: Strain, *, has_point_forces: bool) -> bool:
     """Whether a quantity has a limit as the mesh is refined.
 
-    Under a force on a point the displacement grows as 1 / r (Kelvin), and its gradient's square
-    cannot be integrated: with Green strain no solution is known; in the linear solution the
-    displacement of that point is infinite, and so are the changes of volume and area with it.
-
-    Args:
-        quantity: The quantity.
-        strain: Strain measure.
-        has_point_forces: Loads on single points, or supports of single points that carry force.
+    Under a force on a point, of a load or a support, the displacement grows as 1 / r (Kelvin), and
+    its gradient's square cannot be integrated: with Green strain no solution is known; in the
+    linear solution the displacement of that point is infinite, and so are the changes of volume and
+    area with it.
     """
     return not has_point_forces or (
         strain is Strain.LINEAR and quantity in (Quantity.DISPLACEMENT_L2, Quantity.TOOL_FORCE)
@@ -187,22 +185,14 @@ def has_point_forces(problem: Problem, state: ReferenceResult) -> bool:
 def _nodal_forces(mesh: TetMesh, state: ReferenceResult) -> Points:
     volumes = signed_volumes(mesh.points, mesh.cells)
     P = state.first_piola_kirchhoff_stress
-    by_corner = volumes[:, None, None] * _shape_gradients(mesh) @ P.transpose(0, 2, 1)
+    # Gradients of the corners' linear shape functions [1/m], (num_cells, 4, 3).
+    corners = mesh.points[mesh.cells]
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+    by_corner = volumes[:, None, None] * gradients @ P.transpose(0, 2, 1)
     forces = np.zeros_like(mesh.points)
     np.add.at(forces, mesh.cells, by_corner)
     return forces
-
-
-def _shape_gradients(mesh: TetMesh) -> Floats:
-    """Gradients of the corners' linear shape functions [1/m], (num_cells, 4, 3)."""
-    corners = mesh.points[mesh.cells]
-    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    gradients: Floats = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-    return gradients
-
-
-# Relative to the largest force.
-_NO_FORCE = 1e-6
 
 
 def _value(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> Any:
@@ -240,17 +230,10 @@ def _size(quantity: Quantity, mesh: TetMesh, part: Part | None, value: Any) -> f
 
 
 def scale_of(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> float:
-    """The scale by which a difference of a quantity is divided.
+    """The scale by which a difference of a quantity is divided, from the more accurate state.
 
-    Args:
-        quantity: The quantity.
-        mesh: The case's mesh.
-        part: See `Goal`.
-        state: The more accurate of the two states.
-
-    Returns:
-        The size of its value, or of its change, or of the largest force of a support: 1 N where
-        every support is balanced in itself.
+    The size of its value, or of its change, or of the largest force of a support: 1 N where every
+    support is balanced in itself. For `part` see `Goal`.
     """
     match quantity:
         case Quantity.VOLUME:
@@ -271,14 +254,7 @@ def _largest(rows: Points) -> float:
 def difference(goal: Goal, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> float:
     """Relative difference of two states at the points of one mesh, over the finer one's scale [-].
 
-    Args:
-        goal: The goal whose quantity is compared.
-        mesh: The mesh of both displacements.
-        fine: The more accurate state.
-        coarse: The other state.
-
-    Returns:
-        At least 0; 0 where both are zero, infinite where only the more accurate one is.
+    At least 0; 0 where both are zero, infinite where only the more accurate one is.
     """
     quantity, part = goal.quantity, goal.part
     own, other = (_value(quantity, mesh, part, state) for state in (fine, coarse))
