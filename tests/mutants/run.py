@@ -15,11 +15,13 @@ Exit code 0 when no survivor is without a reason, 1 otherwise, 2 when the tests 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
@@ -76,11 +78,20 @@ def environment(tree: Path) -> dict[str, str]:
 
 
 def run_once(tree: Path, *, again: bool) -> tuple[Lines, dict[str, float]]:
-    """The tests without a mutant: lines run by each, and seconds; or those of the last run."""
-    data, seconds = WORK / "coverage", WORK / "seconds.json"
-    if not (again and data.is_file() and seconds.is_file()):
-        data.unlink(missing_ok=True)
+    """The tests without a mutant: lines run by each, and seconds; or those of the last run.
+
+    Those of the last run are used where they are as they were written, of the same sources.
+    """
+    data, seconds, made = WORK / "coverage", WORK / "seconds.json", WORK / "made-by"
+    if not (again and made.is_file() and made.read_text() == _made_by(data, seconds)):
+        if again:
+            print("lines and seconds are found anew: sources or files have changed", flush=True)
+        for file in (made, data):
+            file.unlink(missing_ok=True)
         _watch_tests(tree, data, seconds)
+        made.write_text(_made_by(data, seconds))
+    else:
+        print(f"lines and seconds of {time.ctime(made.stat().st_mtime)}", flush=True)
     found = coverage.CoverageData(basename=str(data))
     found.read()
     lines: Lines = {}
@@ -89,6 +100,16 @@ def run_once(tree: Path, *, again: bool) -> tuple[Lines, dict[str, float]]:
         by_line = found.contexts_by_lineno(file)
         lines[name] = {number: set(contexts) for number, contexts in by_line.items()}
     return lines, json.loads(seconds.read_text())
+
+
+def _made_by(*files: Path) -> str:
+    """SHA-256 over files and every source of the rooms and their tests."""
+    rooms = ("meshes", "fastsim", "reference", "validation", "tests")
+    sources = (f for r in rooms for f in (ROOT / r).rglob("*") if f.suffix in (".py", ".so"))
+    digest = hashlib.sha256()
+    for file in (*files, *sorted(sources)):
+        digest.update(f"|{file}|".encode() + (file.read_bytes() if file.is_file() else b""))
+    return digest.hexdigest()
 
 
 def _watch_tests(tree: Path, data: Path, seconds: Path) -> None:
@@ -163,7 +184,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Mutation tests of the judge.")
     parser.add_argument("--number", type=int, default=400)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--again", action="store_true", help="lines and seconds of the last run")
+    parser.add_argument(
+        "--again", action="store_true", help="lines and seconds of the last run, if nothing changed"
+    )
     parser.add_argument("--list", action="store_true", help="print the draw and end")
     parser.add_argument("--only", default="", help="mutants whose place holds this text")
     given = parser.parse_args()

@@ -11,12 +11,14 @@ Factors and estimators may be chosen by half of the problems. The other half was
 hash of their names before any factor was chosen; the claims here are of that half alone, and each
 run on it is written down in calibration_runs.toml.
 
-Problems and solutions are stored in calibration.tar.xz; how they were drawn and found is in
-tests/bank/calibration_recipe, with which a test compares the store every night.
+Problems and solutions are stored in calibration.tar.xz with a hash of them, which is checked; how
+they were drawn and found is in tests/bank/calibration_recipe, with which a test compares one of
+each family, and every night all of them.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -31,7 +33,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.meshes.errors import InputError
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.fingerprint import file_hash
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import load_problem
 from palpate.meshes.untrusted import read_npz
@@ -51,6 +54,7 @@ TITLE = "Error bars against known answers"
 LEAST_COVERED, LARGEST_MISS, LARGEST_WIDTH = 0.95, 1.5, 5.0
 STORE = Path(__file__).with_name("calibration.tar.xz")
 LOG = Path(__file__).with_name("calibration_runs.toml")
+HASH = "sha256"  # the file of the store that holds `store_hash`
 STORED, LIVE = "stored", "live"
 WAYS = (STORED, LIVE)
 # What is asked of every truth: bars this small, or the budget spent, which is the same on every
@@ -81,14 +85,30 @@ class Known:
     doubts: Mapping[str, float]
 
 
+def store_hash(folder: Path) -> str:
+    """SHA-256 over the names and contents of an unpacked store's files, but its own."""
+    digest = hashlib.sha256()
+    for file in sorted(folder.iterdir()):
+        if file.name != HASH:
+            digest.update(f"|{file.name}|{file_hash(file)}".encode())
+    return digest.hexdigest()
+
+
 def known_problems(store: Path = STORE) -> list[Known]:
-    """All problems, family by family."""
+    """All problems, family by family.
+
+    Raises:
+        FileFormatError: The store has not the hash that it was written with.
+    """
     with tempfile.TemporaryDirectory() as name, tarfile.open(store) as tar:
         folder = Path(name)
         for member in tar:
             file = tar.extractfile(member)
             if file is not None:
                 (folder / Path(member.name).name).write_bytes(file.read())
+        stated = folder / HASH
+        if not stated.is_file() or stated.read_text("utf-8") != store_hash(folder):
+            raise FileFormatError(store, "has changed since it was written: it has not its hash")
         index = json.loads((folder / "index.json").read_text("utf-8"))
         return [_read(folder, entry) for entry in index]
 

@@ -23,6 +23,7 @@ from calibration_recipe.slender import find_answer, kept_answer, slender_problem
 from calibration_recipe.smooth import smooth_problem
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
+from palpate.validation.studies.calibration import HASH, store_hash
 
 TABLE = Path(__file__).with_name("problems.toml")
 _EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer | None]]] = {
@@ -119,6 +120,7 @@ def write_store(file: Path, problems: Sequence[Drawn]) -> None:
         folder = Path(name)
         entries = [_write_problem(folder, drawn) for drawn in problems]
         (folder / "index.json").write_text(json.dumps(entries, indent=1), encoding="utf-8")
+        (folder / HASH).write_text(store_hash(folder), encoding="utf-8")
         with tarfile.open(file, "w:xz", preset=9) as tar:
             for each in sorted(folder.iterdir()):
                 tar.add(each, each.name, filter=_without_time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tarfile
 import tomllib
 
 import numpy as np
@@ -15,12 +16,14 @@ from calibration_recipe.plane import Plane, PlaneLoads, Section
 from calibration_recipe.shapes import confined_modulus
 from calibration_recipe.smooth import smooth_problem
 
+from palpate.meshes.errors import FileFormatError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.calibration import (
     LOG,
+    STORE,
     STORED,
     WAYS,
     Found,
@@ -72,6 +75,21 @@ def test_the_store_is_what_the_recipe_makes(names, tmp_path) -> None:
     assert list(stored) == [one.name for one in draw_problems()]
     for made in known_problems(tmp_path / "made.tar.xz"):
         require_same(made, stored[made.name], 1e-6)
+
+
+@pytest.mark.parametrize("name", ["index.json", "layer-02.answer.npz", "sha256", None])
+def test_a_store_that_has_changed_is_refused(tmp_path, name) -> None:
+    with tarfile.open(STORE) as tar:
+        tar.extractall(tmp_path / "in")  # palpate's own file
+    file = tmp_path / "in" / (name or "more.npz")
+    data = bytearray(file.read_bytes() if name else b"more")
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    with tarfile.open(tmp_path / "spoiled.tar.xz", "w:xz") as tar:
+        for each in sorted(file.parent.iterdir()):
+            tar.add(each, each.name)
+    with pytest.raises(FileFormatError, match="it has not its hash"):
+        known_problems(tmp_path / "spoiled.tar.xz")
 
 
 def test_half_of_every_family_is_set_apart_by_its_names() -> None:
