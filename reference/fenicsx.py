@@ -28,7 +28,14 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.reference import availability
-from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
+from palpate.reference.jit_cache import (
+    cache_folder,
+    check_forms,
+    compiled_in,
+    locked,
+    note_forms,
+    remove_unfinished,
+)
 
 availability.require_available()
 if importlib.util.find_spec("dolfinx_solver"):
@@ -75,8 +82,12 @@ def _compiles(make: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         with locked(folder) if COMM.rank == 0 else contextlib.nullcontext():
             if COMM.rank == 0:
                 remove_unfinished(folder)
+                check_forms(folder)
             with _compiler(folder, _PATIENCE_OF_RANKS):
-                return make(*given, **named)
+                compiled = make(*given, **named)
+            if COMM.rank == 0:
+                note_forms(folder)
+            return compiled
 
     return made
 

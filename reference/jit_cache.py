@@ -5,26 +5,40 @@ A run killed in between leaves the first without the second, and every later run
 fails with a TimeoutError. Here the folder is private to this version of palpate and dolfinx and is
 used only under a lock, shared or exclusive, that the system releases when its process ends. A
 process with the exclusive lock can therefore remove every `.c` without its `.c.cached`.
+
+The name of a form has the hash of what it computes, but not of what was compiled. So each has a
+`.sha256` with the hash of its library, of the versions of FEniCSx and of the compiler. A process
+checks all of them before its first form; those that have not their hash are compiled again.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
+import hashlib
 import os
+import shutil
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import palpate
-from palpate.meshes.temporaries import scratch_folder
+from palpate.meshes.fingerprint import file_hash
+from palpate.meshes.temporaries import scratch_folder, write_text_atomically
+from palpate.reference import availability
 
 Made = TypeVar("Made")
 # Attempts with the exclusive lock before the error is raised. Another process may have finished a
 # missing form only just now; after this many attempts the failure has another cause.
 _TRIES_ALONE = 3
+# Endings of the file that FFCx writes when a form is compiled, and of its hash.
+_READY, _HASH = ".c.cached", ".sha256"
+# Folders whose forms this process has checked.
+_CHECKED: set[Path] = set()
 _FOR_THIS_PROCESS = contextlib.ExitStack()
 atexit.register(_FOR_THIS_PROCESS.close)
 
@@ -58,6 +72,66 @@ def remove_unfinished(folder: Path) -> list[str]:
     return unfinished
 
 
+@functools.cache
+def made_by() -> str:
+    """What compiles a form here: versions of Python and FEniCSx, and the compiler."""
+    words = str(sysconfig.get_config_var("CC") or "cc").split()
+    compiler = os.path.realpath(shutil.which(words[0]) or words[0])
+    with contextlib.suppress(OSError):
+        found = os.stat(compiler)  # noqa: PTH116
+        compiler += f", {found.st_size} bytes of {found.st_mtime_ns}"
+    return f"{availability.versions()}, {compiler}"
+
+
+def changed_forms(folder: Path) -> list[str]:
+    """Names of finished forms that have not the hash that they were compiled with, or none."""
+    libraries, notes = _libraries(folder), {path.name for path in folder.glob(f"*{_HASH}")}
+    return sorted(
+        name
+        for name in _finished(folder)
+        if name + _HASH not in notes
+        or (folder / f"{name}{_HASH}").read_text("utf-8") != _form_hash(libraries.get(name, []))
+    )
+
+
+def check_forms(folder: Path) -> None:
+    """Remove forms that have changed, once in a process; the caller has the exclusive lock."""
+    if folder not in _CHECKED:
+        for name in changed_forms(folder):
+            for file in folder.glob(f"{name}.*"):
+                file.unlink(missing_ok=True)
+        _CHECKED.add(folder)
+
+
+def note_forms(folder: Path) -> None:
+    """Write the hashes of the forms that have been compiled just now; the caller has a lock."""
+    notes = {path.name for path in folder.glob(f"*{_HASH}")}
+    new = [name for name in _finished(folder) if name + _HASH not in notes]
+    libraries = _libraries(folder) if new else {}
+    for name in new:
+        write_text_atomically(folder / f"{name}{_HASH}", _form_hash(libraries.get(name, [])))
+
+
+def _finished(folder: Path) -> list[str]:
+    return [path.name.removesuffix(_READY) for path in folder.glob(f"*{_READY}")]
+
+
+def _libraries(folder: Path) -> dict[str, list[Path]]:
+    """The compiled libraries by the name of their form."""
+    found: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix in (".so", ".pyd"):
+            found.setdefault(path.name.partition(".")[0], []).append(path)
+    return found
+
+
+def _form_hash(libraries: list[Path]) -> str:
+    digest = hashlib.sha256(made_by().encode())
+    for library in libraries:
+        digest.update(file_hash(library).encode())
+    return digest.hexdigest()
+
+
 def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
     """Call `make` with the compiled forms of a folder, which other processes use too; its result.
 
@@ -65,10 +139,19 @@ def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
     is called again when that process has ended.
     """
     tries_alone = 0
+    if folder not in _CHECKED:
+        with locked(folder, alone=False):
+            changed = changed_forms(folder)
+        if changed:
+            with locked(folder):
+                check_forms(folder)
+        _CHECKED.add(folder)
     while True:
         with locked(folder, alone=False):
             try:
-                return make()
+                made = make()
+                note_forms(folder)
+                return made
             except TimeoutError:
                 if tries_alone == _TRIES_ALONE:
                     raise

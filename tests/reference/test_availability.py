@@ -6,10 +6,11 @@ import contextlib
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
-from palpate.reference import availability
+from palpate.reference import availability, jit_cache
 from palpate.reference.child import child_environment
 from palpate.reference.errors import (
     ReferenceCrashedError,
@@ -108,6 +109,61 @@ def test_only_unfinished_sources_are_removed(tmp_path):
         (tmp_path / name).write_text("")
     assert remove_unfinished(tmp_path) == ["half.c"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["done.c", "done.c.cached", "half.o"]
+
+
+def compiled(folder, name: str) -> None:
+    """Files as FFCx leaves them of a form."""
+    (folder / f"{name}.c").write_text("int f;")
+    (folder / f"{name}.o").write_bytes(b"object")
+    (folder / f"{name}.cpython-311-x86_64-linux-gnu.so").write_bytes(b"library of " + name.encode())
+    (folder / f"{name}.c.cached").write_text("")
+
+
+def test_a_compiled_form_is_used_as_it_was_compiled_or_compiled_again(tmp_path, monkeypatch):
+    def use() -> list[str]:
+        """The forms that are there when the first one of a process is asked for."""
+        monkeypatch.setattr(jit_cache, "_CHECKED", set())
+        return compiled_in(
+            tmp_path, lambda: sorted(path.name[:4] for path in tmp_path.glob("*.c.cached"))
+        )
+
+    def compile_both() -> str:
+        compiled(tmp_path, "mass")
+        compiled(tmp_path, "load")
+        return "made"
+
+    assert compiled_in(tmp_path, compile_both) == "made"
+    assert use() == ["load", "mass"]
+    library = next(tmp_path.glob("mass.*.so"))
+    library.write_bytes(library.read_bytes()[:-1] + b"x")  # a bit on the disk
+    assert use() == ["load"]
+    assert not list(tmp_path.glob("mass.*"))
+    compiled_in(tmp_path, compile_both)
+    assert use() == ["load", "mass"]
+    next(tmp_path.glob("load.*.so")).unlink()
+    (tmp_path / "mass.sha256").unlink()  # nobody can say what it is
+    assert use() == []
+    compiled_in(tmp_path, compile_both)
+    monkeypatch.setattr(jit_cache, "made_by", lambda: "ffcx 0.6, another compiler")
+    assert use() == []
+
+
+def test_forms_that_another_process_uses_are_removed_when_it_is_done(tmp_path, monkeypatch):
+    compiled(tmp_path, "mass")
+    monkeypatch.setattr(jit_cache, "_CHECKED", set())
+    is_there = []
+    with contextlib.ExitStack() as other:
+        other.enter_context(locked(tmp_path, alone=False))
+        thread = threading.Thread(
+            target=lambda: compiled_in(
+                tmp_path, lambda: is_there.append((tmp_path / "mass.c").exists())
+            )
+        )
+        thread.start()
+        thread.join(0.5)
+        assert (tmp_path / "mass.c").exists()
+    thread.join(30.0)
+    assert is_there == [False]
 
 
 def test_the_lock_dies_with_its_holder(tmp_path):
