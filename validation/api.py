@@ -7,7 +7,8 @@ needs it is called.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -22,6 +23,7 @@ from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
+    ContactRule,
     ForceDrive,
     PlaneShape,
     RigidTool,
@@ -35,6 +37,7 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import Formulation
 from palpate.validation.solving import (
+    ElementName,
     ElementsName,
     Simulator,
     StrainName,
@@ -46,6 +49,7 @@ from palpate.validation.states import (
     CandidateFailedError,
     Elements,
     Method,
+    Precision,
     Progress,
     State,
     Trajectory,
@@ -58,6 +62,7 @@ if TYPE_CHECKING:
 
     from palpate.reference.result import Audit
     from palpate.validation.candidates.candidate import Candidate
+    from palpate.validation.candidates.equations import AskedSteps
     from palpate.validation.case import Case
     from palpate.validation.judging.results import CaseResult
 
@@ -211,21 +216,38 @@ def judge(
     simulator: str | Callable[[Problem], ArrayLike] | None = None,
     *,
     element: ElementsName | None = None,
+    integrator: str | None = None,
+    time_step: float | None = None,
+    law: Law | str | None = None,
+    precision: str | None = None,
+    contact: ContactRule | str | None = None,
     live: bool = False,
     time_limit: float | None = None,
     progress: Progress = in_silence,
 ) -> CaseResult:
     """Judge a simulator on a case.
 
+    The equations are the case's, except those that are asked for here; what a result states of
+    itself chooses none of them, and fails where it differs.
+
     Args:
         case: A case with at least one check.
         simulator: A function from the problem to displacements [m] at its points, (num_points,
             3), for a motion (num_outputs + 1, num_points, 3); or a command, "mysim {case}
             {result}"; fastsim where None.
-        element: fastsim's tetrahedra: "linear", "smoothed", or "both" beside one another; linear
-            where None.
+        element: The tetrahedra that it is judged by: "linear", "smoothed", or of fastsim "both"
+            beside one another; linear where None.
+        integrator: The scheme that motions of another simulator are judged by on the same mesh,
+            such as "backward-euler"; central differences where None.
+        time_step: The time step of that [s], which the simulator is asked for; the case's where
+            None.
+        law: Law instead of the case's; the reference is solved here.
+        precision: "single" or "double", granted to the result; what the case grants where None.
+        contact: "vertices" or "facets", of every tool instead of the case's; the reference is
+            solved here.
         live: Solve the reference here if FEniCSx is installed; otherwise use the stored one.
-        time_limit: Time limit of a command [s]; 600 where None.
+        time_limit: Time limit of a command, and of the reference by other steps than the case's
+            [s]; 600 where None.
         progress: Called with a line of text from time to time.
 
     Returns:
@@ -246,25 +268,34 @@ def judge(
     (<Verdict.PASSED: 'passed'>, <Verdict.FAILED: 'failed'>)
     """
     from palpate.validation.candidates.candidate import candidates_for, function_candidate
-    from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
-    from palpate.validation.judging.judge import judge_case
 
     chosen = None if element is None else known_word(Elements, element, "element")
+    asked = _asked_steps(integrator, time_step, time_limit)
     if simulator is None or isinstance(simulator, str):
-        limit = DEFAULT_TIME_LIMIT if time_limit is None else time_limit
-        candidates = candidates_for(simulator, limit, chosen)
-    elif chosen is not None:
-        raise InputError("element goes with fastsim: leave it out, or the simulator")
+        scheme, step = asked.integrator, asked.time_step
+        candidates = candidates_for(
+            simulator, asked.time_limit, chosen, integrator=scheme, time_step=step
+        )
+    elif chosen is Elements.BOTH:
+        raise InputError('element = "both" is of fastsim: say which one your simulator has')
     else:
-        candidates = [function_candidate(simulator)]
-    return judge_case(_case(case), live=live, candidate=candidates, progress=progress)
+        kind = None if chosen is None else Element(chosen)
+        candidates = [function_candidate(simulator, kind, asked)]
+    return _judged(_case(case), candidates, law, precision, contact, live=live, progress=progress)
 
 
 def compare(
     case: AnyCase,
     answer: str | Path | State | ArrayLike,
     *,
+    element: ElementName | None = None,
+    integrator: str | None = None,
+    time_step: float | None = None,
+    law: Law | str | None = None,
+    precision: str | None = None,
+    contact: ContactRule | str | None = None,
     live: bool = False,
+    time_limit: float | None = None,
     progress: Progress = in_silence,
 ) -> CaseResult:
     """Judge an existing solution.
@@ -273,7 +304,14 @@ def compare(
         case: A case with at least one check.
         answer: The solution: a result file (.vtu, .npz, .csv), a state, or displacements [m] in the
             shape that `judge` expects.
+        element: The tetrahedra that it is judged by, linear where None, whatever the solution says.
+        integrator: See `judge`.
+        time_step: See `judge`.
+        law: See `judge`.
+        precision: See `judge`.
+        contact: See `judge`.
         live: See `judge`.
+        time_limit: Of the reference by other steps than the case's [s]; 600 where None.
         progress: See `judge`.
 
     Returns:
@@ -290,10 +328,49 @@ def compare(
     <Verdict.FAILED: 'failed'>
     """
     from palpate.validation.candidates.candidate import solution_candidate
+
+    kind = None if element is None else known_word(Element, element, "element")
+    asked = _asked_steps(integrator, time_step, time_limit)
+    candidates = [solution_candidate(answer, kind, asked)]
+    return _judged(_case(case), candidates, law, precision, contact, live=live, progress=progress)
+
+
+def _asked_steps(
+    integrator: str | None, time_step: float | None, time_limit: float | None
+) -> AskedSteps:
+    """The scheme and step that a caller asks for."""
+    from palpate.reference.schemes import read_integrator
+    from palpate.validation.candidates.equations import TIME_LIMIT, AskedSteps
+
+    scheme = None if integrator is None else read_integrator(integrator)
+    return AskedSteps(scheme, time_step, TIME_LIMIT if time_limit is None else time_limit)
+
+
+def _judged(
+    case: Case,
+    candidates: Sequence[Candidate],
+    law: str | None,
+    precision: str | None,
+    contact: str | None,
+    *,
+    live: bool,
+    progress: Progress,
+) -> CaseResult:
+    """Judge candidates on a case under the law, precision and contact that are asked for."""
     from palpate.validation.judging.judge import judge_case
 
-    candidate = solution_candidate(answer)
-    return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
+    if law is not None:
+        case = case.under(known_word(Law, law, "law"))
+    if contact is not None:
+        case = case.with_contact(known_word(ContactRule, contact, "contact"))
+    granted = None if precision is None else known_word(Precision, precision, "precision")
+    return judge_case(
+        case,
+        live=live or case.is_changed,
+        candidate=candidates,
+        precision=granted,
+        progress=progress,
+    )
 
 
 def audit(
@@ -302,6 +379,7 @@ def audit(
     *,
     strain: StrainName | None = None,
     degree: int = 2,
+    element: ElementName | None = None,
     progress: Progress = in_silence,
 ) -> Audit:
     """Measure a solution against the equations it should satisfy, without solving them.
@@ -311,6 +389,7 @@ def audit(
         answer: The solution, see `compare`.
         strain: Strain measure of the equations; the case's where None.
         degree: Of the test functions: 1 judges the solver; 2 and 3 the mesh too, and need FEniCSx.
+        element: The tetrahedra whose equations degree 1 tests; linear where None.
         progress: Called with a line of text from time to time.
 
     Returns:
@@ -318,7 +397,7 @@ def audit(
 
     Raises:
         InputError: The case is a motion, or the solution cannot be used: it is on another mesh
-            than the case's, say.
+            than the case's, or states other tetrahedra than degree 1 is asked to test.
         CandidateFailedError: The solution contains NaN.
         ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
 
@@ -334,7 +413,8 @@ def audit(
         raise InputError(f"degree = {degree}: use 1, 2 or 3")
     loaded = _case(case)
     used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
-    candidate = solution_candidate(answer)
+    kind = None if element is None else known_word(Element, element, "element")
+    candidate = solution_candidate(answer, kind)
     _, found = audit_result(loaded, candidate, strain=used, degree=degree, progress=progress)
     return found
 
@@ -344,17 +424,19 @@ def audit_result(
 ) -> tuple[State, Audit]:
     """A candidate's solution with its audit: of degree 1 by the judge, beyond by the reference.
 
-    Degree 1 tests the equations of the solution's own tetrahedra, plain or smoothed; degrees 2 and
-    3 test those of the continuum, whatever the element. See `audit`.
+    Degree 1 tests the equations of the candidate's tetrahedra, plain or smoothed, as the caller
+    says; degrees 2 and 3 test those of the continuum, whatever the element. See `audit`.
 
     Raises:
-        InputError: The case is a motion, or the result cannot be read or is on another mesh.
+        InputError: The case is a motion, or the result cannot be read, is on another mesh, or
+            states other equations than the case's or the caller's.
         CandidateFailedError: The result contains NaN, numbers too large to measure, or a body
             of quite another size.
         ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
     """
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AuditTask
+    from palpate.validation.candidates.equations import differences, in_words
     from palpate.validation.metrics.audit import audit_on_own_mesh
     from palpate.validation.metrics.validity import unmeasurable_state
 
@@ -374,6 +456,19 @@ def audit_result(
             "these, without other points, or judge it where it is by `palpate compare`"
         )
     displacement = state.displacement
+    # Degrees 2 and 3 ask nothing of the element.
+    left_out = () if degree == 1 else ("element",)
+    says = {key: value for key, value in state.says.items() if key not in left_out}
+    stated = differences(
+        problem,
+        dataclasses.replace(state, says=says),
+        element=candidate.element,
+        steps=candidate.asked,
+        is_stepped=False,
+        precision=Precision.SINGLE,
+    )
+    if stated:
+        raise InputError(f"{candidate.name}: {in_words(stated)}")
     if degree == 1:
         progress(f"audit on degree 1: {displacement.size} degrees of freedom")
         return state, audit_on_own_mesh(problem, displacement, strain, state.element)

@@ -31,7 +31,7 @@ MethodName: TypeAlias = Method | Literal["newton", "relaxation"]
 ElementName: TypeAlias = Element | Literal["linear", "smoothed"]
 ElementsName: TypeAlias = Elements | Literal["linear", "smoothed", "both"]
 FormulationName: TypeAlias = Formulation | Literal["displacement", "mixed"]
-_Choice = TypeVar("_Choice", Simulator, Strain, Method, Formulation, Element, Elements)
+_Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def solve(

@@ -17,6 +17,7 @@ from pydantic_core import ErrorDetails
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.meshes.untrusted import UntrustedTextError, parse_toml, read_text
 from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CaseSpec, CheckSpec
@@ -237,17 +238,25 @@ class Case:
         spec: The tables of the file.
         text: Its text as it was read: a simulator may change the file while it is judged.
         other_law: A law that the body follows instead of the case's own; see `under`.
+        other_contact: Where contact is on every tool instead of where the case says; see
+            `with_contact`.
     """
 
     path: Path
     spec: CaseSpec
     text: str
     other_law: Law | None = None
+    other_contact: ContactRule | None = None
 
     @property
     def name(self) -> str:
-        """The file's name without its ending; and the law, where it is not the file's."""
-        return self.path.stem + (f"-{self.other_law}" if self.other_law else "")
+        """The file's name without its ending; law and contact where they are not the file's."""
+        return "-".join(filter(None, (self.path.stem, self.other_law, self.other_contact)))
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether law or contact is not the file's, for which no reference is stored."""
+        return self.other_law is not None or self.other_contact is not None
 
     def under(self, law: Law) -> Case:
         """The same case of a body with the same moduli at rest that follows another law.
@@ -265,6 +274,17 @@ class Case:
                 f"{self.path.name} has no c10, c01 and bulk_modulus: state {law} in the case"
             )
         return replace(self, other_law=law)
+
+    def with_contact(self, rule: ContactRule) -> Case:
+        """The same case with contact of every tool at vertices, or over facets.
+
+        Raises:
+            InputError: The case has no tool.
+        """
+        if not self.spec.tool:
+            raise InputError(f"{self.path.name} has no [tool], whose contact could be at {rule}")
+        is_same = all(tool.contact is rule for tool in self.spec.tool)
+        return self if is_same else replace(self, other_contact=rule)
 
     @property
     def folder(self) -> Path:
@@ -324,11 +344,7 @@ class Case:
 
     @cached_property
     def mesh(self) -> BuiltMesh:
-        """The mesh, and a line on who made it.
-
-        Raises:
-            InputError: A file that cannot be read, or a surface that cannot be meshed.
-        """
+        """The mesh, and a line on who made it; InputError for what cannot be read or meshed."""
         from palpate.validation.case.meshing import BuiltMesh, build_mesh
 
         units = self.spec.units
@@ -351,6 +367,9 @@ class Case:
             problem = build_problem(self.spec, self.folder, self.mesh.mesh)
             if self.other_law is not None:
                 problem = with_law(problem, self.other_law)
+            if self.other_contact is not None:
+                tools = (replace(tool, contact=self.other_contact) for tool in problem.tools)
+                problem = replace(problem, tools=tuple(tools))
             for number, check in enumerate(self.checks, 1):
                 if check.at is not None:
                     point_at(problem.mesh, check.at, units, f"check {number}")

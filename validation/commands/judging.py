@@ -17,6 +17,9 @@ from palpate.meshes.material_law import Law
 from palpate.validation.candidates.faults import Fault
 from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.commands.options import (
+    AskedContact,
+    AskedIntegrator,
+    AskedLaws,
     AskedTimeStep,
     ChosenElements,
     ChosenEngine,
@@ -32,7 +35,6 @@ from palpate.validation.commands.options import (
     OptionalFile,
     ResultFile,
     SimulatorCommand,
-    StatedIntegrator,
     TimeLimit,
     ToldIterations,
     is_condensed,
@@ -45,6 +47,7 @@ from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode, Precision
 
 if TYPE_CHECKING:
+    from palpate.meshes.rigid_tool import ContactRule
     from palpate.validation.case import Case
     from palpate.validation.judging.results import CaseResult
 
@@ -73,11 +76,9 @@ def gate(
         list[str] | None,
         typer.Option(metavar="METRIC=VALUE", help="of --versus; default: those on the same mesh"),
     ] = None,
-    law: Annotated[
-        list[Law] | None,
-        typer.Option(help="instead of the case's; repeatable; the reference is solved here"),
-    ] = None,
-    integrator: StatedIntegrator = None,
+    law: AskedLaws = None,
+    contact: AskedContact = None,
+    integrator: AskedIntegrator = None,
     time_step: AskedTimeStep = None,
     iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
@@ -98,7 +99,6 @@ def gate(
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.temporaries import write_text_atomically
-    from palpate.reference.availability import require_available
     from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.candidates.faults import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
@@ -150,8 +150,8 @@ def gate(
             "--live or --precision",
         ),
         (
-            law and (is_expected or self_test or metamorphic),
-            "--law takes no --expected, --self-test or --metamorphic",
+            (law or contact) and (is_expected or self_test or metamorphic),
+            "--law and --contact take no --expected, --self-test or --metamorphic",
         ),
         (
             is_expected and (device != "cpu" or with_ is not Simulator.FASTSIM),
@@ -161,10 +161,7 @@ def gate(
         if is_wrong:
             raise InputError(why)
     loaded = load_cases(QUICK if quick else builtin_cases() if every else names or ())
-    if law:
-        loaded = [case.under(one) for case in loaded for one in dict.fromkeys(law)]
-        if versus is None and any(case.other_law for case in loaded):
-            require_available()
+    loaded = _as_asked(loaded, law, contact, is_judged=versus is None)
     if is_expected:
         _require_builtin(loaded)
     require_outputs(
@@ -190,13 +187,13 @@ def gate(
             merge_candidates([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
             for c in loaded
         ]
-    elif simulator is None and fault is Fault.NONE and not (live or law):
+    elif simulator is None and fault is Fault.NONE and not (live or law or contact):
         results = judge_cases(loaded, candidates, precision=precision, progress=progress)
     else:
         results = [
             judge_case(
                 case,
-                live=live or case.other_law is not None,
+                live=live or case.is_changed,
                 candidate=candidates,
                 precision=precision,
                 progress=progress,
@@ -222,7 +219,9 @@ def report(
     with_: ChosenEngine = Simulator.FASTSIM,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
-    integrator: StatedIntegrator = None,
+    law: AskedLaws = None,
+    contact: AskedContact = None,
+    integrator: AskedIntegrator = None,
     time_step: AskedTimeStep = None,
     iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
@@ -247,13 +246,14 @@ def report(
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
-    if expected and (simulator or with_ is not Simulator.FASTSIM):
+    if expected and (simulator or law or contact or with_ is not Simulator.FASTSIM):
         raise InputError(
-            "--expected is about fastsim's verdicts: it takes no --simulator or --with"
+            "--expected is about fastsim's verdicts: it takes no --simulator, --with, --law or "
+            "--contact"
         )
     if pdf:
         require_browser()
-    loaded = load_cases(names or builtin_cases())
+    loaded = _as_asked(load_cases(names or builtin_cases()), law, contact)
     if expected:
         _require_builtin(loaded)
     if len(loaded) > 1 and any(case.name == "index" for case in loaded):
@@ -300,24 +300,35 @@ def compare(
     live: Live = False,
     precision: GrantedPrecision = None,
     element: ElementOfResult = None,
+    law: Annotated[
+        Law | None, typer.Option(help="instead of the case's; the reference is solved here")
+    ] = None,
+    contact: AskedContact = None,
+    integrator: AskedIntegrator = None,
+    time_step: AskedTimeStep = None,
+    time_limit: Annotated[
+        float, typer.Option(help="of the reference by --integrator and --time-step, in seconds")
+    ] = DEFAULT_TIME_LIMIT,
     force: Force = False,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.validation.candidates.candidate import result_candidate
+    from palpate.validation.candidates.equations import AskedSteps
     from palpate.validation.case import load_case
     from palpate.validation.exchange.result_files import read_result, room_for_result
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
 
-    loaded = load_case(case)
+    asked = AskedSteps(integrator, time_step, time_limit)
+    (loaded,) = _as_asked([load_case(case)], [law] if law else None, contact)
     require_outputs({"--json": json}, inputs=input_files([loaded], result), force=force)
     # A file that cannot be read is refused before anything is solved.
     read_result(result, most_bytes=room_for_result(loaded.problem))
     judged = judge_case(
         loaded,
-        live=live,
-        candidate=result_candidate(result, element),
+        live=live or loaded.is_changed,
+        candidate=result_candidate(result, element, asked),
         precision=precision,
         progress=progress_lines(),
     )
@@ -355,6 +366,29 @@ def compare_runs(
     if summary is not None:
         write_own_text(summary, compared.markdown(*names))
     raise typer.Exit(compared.exit_code)
+
+
+def _as_asked(
+    cases: Sequence[Case],
+    laws: Sequence[Law] | None,
+    contact: ContactRule | None,
+    *,
+    is_judged: bool = True,
+) -> list[Case]:
+    """The cases under each law, and with the contact, that the caller asks for.
+
+    Raises:
+        InputError: A case that cannot be under them.
+        ReferenceUnavailableError: They are judged, and their reference cannot be solved here.
+    """
+    from palpate.reference.availability import require_available
+
+    found = [case if contact is None else case.with_contact(contact) for case in cases]
+    if laws:
+        found = [case.under(one) for case in found for one in dict.fromkeys(laws)]
+    if is_judged and any(case.is_changed for case in found):
+        require_available()
+    return found
 
 
 def _require_builtin(cases: Sequence[Case]) -> None:

@@ -13,7 +13,9 @@ from rich.console import Console
 from rich.text import Text
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Strain
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.reference.schemes import Integrator
 from palpate.validation.quoting import for_json, for_terminal
 from palpate.validation.solving import Simulator
@@ -66,7 +68,11 @@ ResultFile = typer.Argument(help="displacement as .vtu, .npz or .csv")
 StrainOfCase = Annotated[Strain | None, typer.Option(help="default: the case's")]
 ChosenElements = Annotated[
     Elements | None,
-    typer.Option("--element", help="of fastsim's tetrahedra; both: beside one another"),
+    typer.Option(
+        "--element",
+        help="of fastsim's tetrahedra; both: beside one another; of another simulator the one that "
+        "it is judged by, whatever its result states",
+    ),
 ]
 ChosenEngine = Annotated[
     Simulator,
@@ -84,18 +90,26 @@ Device = Annotated[
     ),
 ]
 ElementOfResult = Annotated[
-    Element | None, typer.Option(help="of the result, where it does not say; default: linear")
+    Element | None, typer.Option(help="that the result is judged by; default: linear")
 ]
 SimulatorCommand = Annotated[
     str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
 ]
 TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
-StatedIntegrator = Annotated[
+AskedIntegrator = Annotated[
     Integrator | None,
-    typer.Option(help="how the simulator steps, where its result does not say `integrator`"),
+    typer.Option(help="that it is judged by; default: the case's central differences"),
 ]
 AskedTimeStep = Annotated[
-    float | None, typer.Option(help="[s] that the simulator is asked for, not the case's")
+    float | None, typer.Option(help="[s] that it is asked for and judged by, not the case's")
+]
+AskedLaws = Annotated[
+    list[Law] | None,
+    typer.Option("--law", help="instead of the case's; repeatable; the reference is solved here"),
+]
+AskedContact = Annotated[
+    ContactRule | None,
+    typer.Option("--contact", help="of every tool, not the case's; the reference is solved here"),
 ]
 ToldIterations = Annotated[
     int | None, typer.Option(help="for {iterations} in the simulator's command")

@@ -13,13 +13,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT, OutsideSimulator
 from palpate.validation.commands.options import (
+    AskedIntegrator,
     ChosenElements,
     Device,
     Folder,
     Force,
     OneCase,
     OptionalCases,
-    StatedIntegrator,
     TimeLimit,
     is_condensed,
     print_lines,
@@ -74,7 +74,7 @@ def sweep(
         str | None,
         typer.Option(help='instead: its error over "mysim {case} {result} {iterations}"'),
     ] = None,
-    integrator: StatedIntegrator = None,
+    integrator: AskedIntegrator = None,
     limit: Annotated[
         float, typer.Option(help="of --simulator's error over its displacement: has it converged?")
     ] = 0.01,

@@ -74,9 +74,9 @@ def find_references(
 def _load_stored(case: Case) -> ReferenceSet | None:
     """A built-in case's reference; of one's own case, what lies in `references` beside it.
 
-    None of a body that follows another law than its case's.
+    None of a body that follows another law than its case's, or with other contact.
     """
-    if case.other_law is not None:
+    if case.is_changed:
         return None
     folder = references_folder(case.beside)
     if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():

@@ -29,6 +29,7 @@ from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable
 from palpate.validation.quoting import own_words
 from palpate.validation.states import (
     CandidateFailedError,
+    Elements,
     Progress,
     State,
     Verdict,
@@ -131,7 +132,7 @@ def judge_versus(
 
 
 def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Candidate:
-    """The simulator that a candidate is compared with.
+    """The simulator that a candidate is compared with, asked for the same equations.
 
     Args:
         command: "mysim {case} {result}"; "fastsim" is its compiled core with the candidate's
@@ -144,7 +145,13 @@ def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Ca
     """
     if command == FASTSIM:
         return fastsim_candidate(element=candidate.element)
-    (other,) = candidates_for(command, time_limit)
+    (other,) = candidates_for(
+        command,
+        time_limit,
+        Elements(candidate.element),
+        integrator=candidate.asked.integrator,
+        time_step=candidate.asked.time_step,
+    )
     return other
 
 

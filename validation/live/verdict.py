@@ -82,12 +82,12 @@ class PoseOfPane(NamedTuple):
         Raises:
             CandidateFailedError: It is no usable solution.
         """
-        about: dict[str, Any] = {"element": self.element.value}
+        about: dict[str, Any] = {}
         if problem.tools:
             about["tool_forces"] = [self.force.tolist()]
         values = self.displacement[None]
         result = ResultFile(Path(self.name), values, are_positions=False, times=None, about=about)
-        return state_of_result(result, problem, self.name, strain)
+        return state_of_result(result, problem, self.name, strain, element=self.element)
 
 
 class PaneVerdict(NamedTuple):

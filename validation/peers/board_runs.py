@@ -88,7 +88,7 @@ def run_entry(
         progress: Called with one line for each run, and with why a cached one is not used.
     """
     name = case.path.stem
-    if entry.element is not None:
+    if not entry.is_outside:
         return _run_fastsim(entry, case, progress)
     command = entry.command_line()
     if command is None:
@@ -124,7 +124,8 @@ def run_entry(
     if result is None:
         return run
     try:
-        state = state_of_result(result, case.problem, candidate_name(entry.title), case.strain)
+        name = candidate_name(entry.title)
+        state = state_of_result(result, case.problem, name, case.strain, element=entry.element)
     except (CandidateFailedError, InputError) as error:
         return _failed(run, str(error))
     return _with_state(run, case, state, dict(result.about))
@@ -181,7 +182,6 @@ def _question(entry: Peer, case: Case, time_limit: float) -> tuple[str, str, Mak
 
 
 def _run_fastsim(entry: Peer, case: Case, progress: Progress) -> Run:
-    assert entry.element is not None
     run = Run(entry.name, case.path.stem, Status.ANSWERED, date=date_now())
     try:
         progress(f"{entry.title}, {case.strain} strain, {case.problem.mesh.num_cells} cells")

@@ -90,7 +90,8 @@ class Peer(_Model):
         settings: Exact settings, with their sources.
         better: How to get better results from it, a sentence each.
         command: Command of a simulator without adapter: "mysim {case} {result}".
-        element: Element of fastsim, which is no outside simulator.
+        element: The tetrahedra that it is judged by on the same mesh, whatever its results state.
+        is_outside: Whether it is an outside simulator; fastsim is none.
         on_board: Whether it is on the scoreboard.
         frontier: Its largest number of divisions in the study frontier; 0 leaves it out there.
         bench: The benchmarks that it is timed in.
@@ -110,15 +111,11 @@ class Peer(_Model):
     settings: tuple[Setting, ...] = ()
     better: tuple[str, ...] = ()
     command: str = ""
-    element: Element | None = None
+    element: Element = Element.LINEAR
+    is_outside: bool = True
     on_board: bool = True
     frontier: int = 0
     bench: tuple[Timing, ...] = ()
-
-    @property
-    def is_outside(self) -> bool:
-        """Whether it is an outside simulator."""
-        return self.element is None
 
     @property
     def is_quadratic(self) -> bool:
@@ -161,6 +158,7 @@ FASTSIM = tuple(
         name=f"fastsim-{element}",
         title=f"fastsim, {element}",
         element=element,
+        is_outside=False,
         settings=(
             Setting(
                 what="Newton's method to a relative residual of 1e-10; of motions, central "

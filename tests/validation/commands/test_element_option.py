@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 
@@ -35,21 +36,43 @@ def test_what_is_solved_with_an_element_is_judged_as_such(command_line, tmp_path
     for kind in ("npz", "vtu"):
         answer = tmp_path / f"mine.{kind}"
         assert command_line("solve", "block", "--element", "smoothed", "-o", answer) == 0
-        # .npz says it by itself; .vtu cannot.
-        says = () if kind == "npz" else ("--element", "smoothed")
-        command_line("compare", "block", answer, "--json", reported, *says)
+        command_line("compare", "block", answer, "--json", reported, "--element", "smoothed")
         passed = {c["verdict"] for c in written(reported)[0]["checks"]
                   if (c["against"], c["strain"]) == ("same_mesh", "green")}  # fmt: skip
         assert passed == {"passed"}
-    command_line("compare", "block", tmp_path / "mine.vtu", "--json", reported)
-    assert "failed" in on_same_mesh(written(reported)[0])
+        # Which element it is judged by is not the result's to choose; .vtu cannot even state one.
+        command_line("compare", "block", answer, "--json", reported)
+        checks = written(reported)[0]["checks"]
+        assert "failed" in on_same_mesh(written(reported)[0])
+        stated = [check["message"] for check in checks if check["metric"] == "stated_equations"]
+        assert len(stated) == (kind == "npz")
+        assert all("--element smoothed" in message for message in stated)
+    smoothed = tmp_path / "mine.npz"
+    audit = ("audit", "block", smoothed, "--degree", 1, "--limit", 1e-8)
+    assert command_line(*audit) == 2
+    assert command_line(*audit, "--element", "smoothed") == 0
 
 
-def test_another_simulator_says_its_element_itself(command_line, capsys):
-    asked = ("--element", "both", "--simulator", "mysim {case} {result}")
-    assert command_line("gate", "block", *asked) == 2
-    assert "only fastsim is asked for one" in capsys.readouterr().err
-    with pytest.raises(InputError, match="goes with fastsim"):
+def test_the_caller_says_which_element_another_simulator_is_judged_by(
+    command_line, capsys, tmp_path
+):
+    program, path = tmp_path / "theirs.py", tmp_path / "r.json"
+    program.write_text(
+        "import sys, palpate, numpy as np\n"
+        "u = palpate.solve(palpate.load_case('block').problem, element='smoothed').displacement\n"
+        "np.savez(sys.argv[2], displacement=u)\n",
+        encoding="utf-8",
+    )
+    theirs = ("gate", "block", "--simulator", f"{sys.executable} {program} {{case}} {{result}}")
+    assert command_line(*theirs, "--element", "smoothed", "--json", path) == 0
+    (case,) = written(path)
+    assert [one["element"] for one in case["candidates"]] == ["smoothed"]
+    assert "passed" in on_same_mesh(case)
+    assert command_line(*theirs) == 1
+    capsys.readouterr()
+    assert command_line(*theirs, "--element", "both") == 2
+    assert "say which one" in capsys.readouterr().err
+    with pytest.raises(InputError, match="say which one"):
         palpate.judge("block", lambda problem: 0.0 * problem.mesh.points, element="both")
     with pytest.raises(InputError, match="use one of linear, smoothed, both"):
         palpate.judge("block", element="quadratic")
@@ -90,6 +113,7 @@ def test_the_reference_solves_it_live(command_line, tmp_path):
     answer = tmp_path / "theirs.npz"
     arguments = ("solve", "block", "--with", "reference", "--element", "smoothed", "-o", answer)
     assert command_line(*arguments) == 0
-    command_line("compare", "block", answer, "--json", path)
+    smoothed = ("--element", "smoothed")
+    command_line("compare", "block", answer, "--json", path, *smoothed)
     assert "failed" not in on_same_mesh(written(path)[0])
-    assert command_line("audit", "block", answer, "--degree", 1, "--limit", 1e-8) == 0
+    assert command_line("audit", "block", answer, "--degree", 1, "--limit", 1e-8, *smoothed) == 0
