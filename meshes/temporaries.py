@@ -28,6 +28,8 @@ _HALF_WRITTEN = re.compile(r"\..+\.palpate-(?P<process>\d+)-[0-9a-f]{8}\.tmp(\.\
 # Names of texts that an internal error left for people to read; removed after this time [s].
 _ERROR_TEXT = re.compile(r"palpate-error-\w+\.txt")
 _ERROR_TEXT_AGE = 7 * 86400.0
+# When this process loaded this file, less the granularity of the times of files [s].
+_STARTED = time.time() - 5.0
 # Temporaries that this process has at the moment.
 _in_use: set[Path] = set()
 
@@ -70,7 +72,7 @@ def sweep(folder: Path, pattern: re.Pattern[str], remove: Callable[[Path], None]
     with contextlib.suppress(OSError):
         for entry in list(os.scandir(folder)):
             match = pattern.fullmatch(entry.name)
-            if match is None or not _is_own(entry) or _is_alive(int(match["process"])):
+            if match is None or not _is_own(entry) or _may_be_used(entry, int(match["process"])):
                 continue
             path = Path(entry.path)
             handle = _lock(path)
@@ -134,8 +136,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)  # 0600 would lock colleagues out
         temporary.replace(target)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno and error.filename is None:
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from error  # a full disk
         raise
 
 
@@ -172,6 +176,13 @@ def _is_own(entry: os.DirEntry[str]) -> bool:
         return False
     is_plain = stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)
     return is_plain and hasattr(os, "getuid") and status.st_uid == os.getuid()
+
+
+def _may_be_used(entry: os.DirEntry[str], process: int) -> bool:
+    """Whether its process lives; an older one of our own number (in a container) does not."""
+    if process == os.getpid():
+        return entry.stat(follow_symlinks=False).st_mtime > _STARTED
+    return _is_alive(process)
 
 
 def _is_alive(process: int) -> bool:

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from palpate.meshes.errors import InputError
 from palpate.validation.candidates.faults import Fault
 from palpate.validation.commands import case_files, judging, reference, solve, studies
-from palpate.validation.commands.endings import end_by, end_of, end_soon, outlive_readers, stoppable
+from palpate.validation.commands.endings import (
+    end_by,
+    end_of,
+    end_soon,
+    outlive_readers,
+    quiet_archives,
+    stoppable,
+)
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.options import listed
@@ -44,6 +53,12 @@ def palpate(
     ] = False,
 ) -> None:
     """Judge fast soft-tissue simulators against a FEniCSx reference."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError(
+            f"the working folder cannot be used ({error.strerror}): go to another"
+        ) from None
 
 
 app.command()(case_files.cases)
@@ -79,6 +94,7 @@ def main() -> None:
     if ranks.is_follower():
         sys.exit(ranks.follow())
     outlive_readers()
+    quiet_archives()
     code = int(ExitCode.INTERNAL_ERROR)
     try:
         code = _lead()

@@ -8,6 +8,7 @@ from palpate.validation.case.load import (
     builtin_folder,
     load_case,
     load_cases,
+    require_case_name,
 )
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "builtin_folder",
     "load_case",
     "load_cases",
+    "require_case_name",
 ]

@@ -193,10 +193,7 @@ def load_case(name_or_path: str | Path) -> Case:
             hint = f"did you mean {near[0]!r}?" if near else "see `palpate cases`"
             raise CaseError(f"no built-in case {text!r}; {hint} A file needs the ending .toml")
         path = builtin_folder() / f"{text}.toml"
-    if not _NAME.fullmatch(path.stem):
-        raise CaseError(
-            f"{path.name!r}: a case's name may hold letters, digits, '.', '_' and '-' (64 at most)"
-        )
+    require_case_name(path)
     try:
         source = read_text(path)
         data = parse_toml(source)
@@ -211,16 +208,29 @@ def load_case(name_or_path: str | Path) -> Case:
     return Case(path, spec, source)
 
 
+def require_case_name(path: Path) -> None:
+    """Refuse a file whose name cannot be a case's.
+
+    Raises:
+        CaseError: It has other letters, or is too long.
+    """
+    if not _NAME.fullmatch(path.stem):
+        raise CaseError(
+            f"{path.name!r}: a case's name may hold letters, digits, '.', '_' and '-' (64 at most)"
+        )
+
+
 def load_cases(names: Sequence[str]) -> list[Case]:
     """Read several cases; their names distinguish their results.
 
     Raises:
-        CaseError: See `load_case`; or two cases of one name.
+        CaseError: See `load_case`; or two cases of one name, small or capital: their files would
+            be one where a file system does not distinguish these.
     """
     cases = [load_case(name) for name in names]
     seen: dict[str, Path] = {}
     for case in cases:
-        other = seen.setdefault(case.name, case.path)
+        other = seen.setdefault(case.name.casefold(), case.path)
         if other is not case.path:
             where = "twice" if other == case.path else f"by {other} and {case.path}"
             raise CaseError(

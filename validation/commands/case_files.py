@@ -43,11 +43,12 @@ def init(
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
     from palpate.meshes.temporaries import write_text_atomically
-    from palpate.validation.case import load_case
+    from palpate.validation.case import load_case, require_case_name
     from palpate.validation.case.writing import first_case
 
     if output.suffix != ".toml":
         raise InputError(f"{output}: a case file needs the ending .toml")
+    require_case_name(output)
     require_outputs({"--output": output}, inputs=[] if surface is None else [surface], force=True)
     _require_new(output, force=force)
     text = first_case(surface, target=output, unit=unit, repair=repair)
@@ -107,9 +108,10 @@ def import_model(
     force: Force = False,
 ) -> None:
     """Make a case of another simulator's model, or say which line of it no case can hold."""
-    from palpate.validation.case import load_case
+    from palpate.validation.case import load_case, require_case_name
     from palpate.validation.importing import import_model as make_case
 
+    require_case_name(output)
     mesh = output.with_suffix(".msh")
     require_outputs({"--output": output, "its mesh": mesh}, inputs=[model], force=True)
     _require_new(output, mesh, force=force)

@@ -133,6 +133,18 @@ def outlive_readers() -> None:
     sys.stderr = _patient(sys.stderr, sys.__stderr__)
 
 
+def quiet_archives() -> None:
+    """Let an archive that could not be written end without a word: the error itself is reported."""
+    if sys.unraisablehook is not sys.__unraisablehook__:
+        return  # somebody else's
+
+    def report(what: sys.UnraisableHookArgs) -> None:
+        if getattr(what.object, "__qualname__", "") != "ZipFile.__del__":
+            sys.__unraisablehook__(what)
+
+    sys.unraisablehook = report
+
+
 def _patient(stream: TextIO | None, original: TextIO | None) -> TextIO:
     if stream is None:  # the caller closed it; take its number before a file gets it
         return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123

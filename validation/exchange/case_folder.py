@@ -7,9 +7,14 @@ has some more. case.json says what each of them is, and what the equations are, 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import os
+import shutil
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -91,7 +96,37 @@ def write_case_folder(
     target = Path(folder)
     if target.exists() and not target.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the case")
+    is_new = not target.exists()
     target.mkdir(parents=True, exist_ok=True)
+    try:
+        with _alone(target):
+            # Without it, nobody takes a folder for a case that is half of this one.
+            (target / "case.json").unlink(missing_ok=True)
+            _write_files(target, problem, strain, name, title)
+    except BaseException:
+        if is_new:
+            shutil.rmtree(target, ignore_errors=True)
+        raise
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let other processes that write to the folder wait; where there are no locks they do not."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _write_files(target: Path, problem: Problem, strain: Strain, name: str, title: str) -> None:
     arrays = rest_arrays(problem)
     by_point = {name: arrays[name] for name in _BY_POINT}
     by_cell = {name: arrays[name] for name in _BY_CELL if name in arrays}

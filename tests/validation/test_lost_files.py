@@ -1,0 +1,164 @@
+"""Full disks, folders that vanish, names that clash, runs that meet: no file is lost or mixed."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import numpy as np
+import pytest
+from signals import PALPATE
+
+from palpate.meshes import temporaries
+from palpate.meshes.temporaries import atomic_path, scratch_folder
+from palpate.validation import api
+from palpate.validation.case import CaseError, load_case, load_cases
+from palpate.validation.exchange import case_folder
+
+Run = Callable[..., CompletedProcess[str]]
+# Outputs larger than a full disk takes, by the words that write them.
+OUTPUTS = {
+    "schema.json": "schema -o schema.json",
+    "solved.vtu": "solve block.toml -o solved.vtu",
+    "solved.npz": "solve block.toml -o solved.npz",
+    "kidney.msh": "mesh kidney --size 20 -o kidney.msh",
+    "found.json": "gate block.toml --metamorphic --json found.json",
+    "case/rest.vtu": "export block.toml -o case",
+}
+
+
+def small_files(most: int) -> Callable[[], None]:
+    """Files of this process may not have more bytes: as on a full disk."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits the size of files")
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_a_full_disk_is_one_line_and_what_was_there_stays(
+    tmp_path: Path, write_case: Callable[..., Path], output: str
+) -> None:
+    write_case()
+    path, old = tmp_path / output, b"" if output != "schema.json" else b'{"palpate": "0"}'
+    if old:
+        path.write_bytes(old)
+    done = subprocess.run(
+        [*PALPATE, *OUTPUTS[output].split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=small_files(500),
+        # Scratch files are not limited where none are made; bytecode would be.
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines()[-1] == f"palpate: {output}: File too large"
+    assert "Traceback" not in done.stderr
+    left = {p.name for p in tmp_path.iterdir()}
+    assert left == {"block.toml", *(["schema.json"] if old else [])}
+    assert not old or path.read_bytes() == old
+
+
+def test_an_export_that_breaks_off_is_no_case_and_no_mixture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """rest.vtu of the new case beside case.json and rest.npz of the old one looks like a case."""
+    folder = tmp_path / "case"
+    api.export("block", folder)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(case_folder.np, "savez_compressed", full)
+    with pytest.raises(OSError, match="No space"):
+        api.export("column", folder)
+    assert not (folder / "case.json").exists()
+    with pytest.raises(OSError, match="No space"):
+        api.export("column", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_two_exports_at_once_leave_one_case(tmp_path: Path) -> None:
+    code = "import sys; from palpate.validation import api\n" + (
+        "case = api.load_case(sys.argv[1]); case.problem\n"
+        "for _ in range(15): api.export(case, sys.argv[2])\n"
+    )
+    folder = tmp_path / "case"
+    runs = [
+        subprocess.Popen([sys.executable, "-c", code, name, str(folder)])
+        for name in ("block", "column")
+    ]
+    assert [run.wait() for run in runs] == [0, 0]
+    found = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+    points = load_case(found["name"]).problem.mesh.points
+    with np.load(folder / "rest.npz") as rest:
+        assert np.array_equal(rest["points"], points)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("init", "-o", "my case.toml"),
+        ("init", "-o", os.fsdecode(b"a\xff.toml")),
+        ("import", "model.inp", "-o", "my case.toml"),
+    ],
+)
+def test_no_file_is_written_whose_name_no_case_has(
+    palpate_run: Run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "model.inp").write_text("*NODE\n", encoding="utf-8")
+    done = palpate_run(*words, folder=tmp_path)
+    assert (done.returncode, "a case's name may hold letters" in done.stderr) == (2, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["model.inp"]
+
+
+def test_names_that_differ_in_capitals_alone_would_share_files(
+    tmp_path: Path, write_case: Callable[..., Path]
+) -> None:
+    write_case()
+    write_case(name="BLOCK.toml")
+    with pytest.raises(CaseError, match=r"given by .*block\.toml and .*BLOCK\.toml"):
+        load_cases([str(tmp_path / "block.toml"), str(tmp_path / "BLOCK.toml")])
+
+
+@pytest.mark.parametrize("words", [["cases"], ["gate", "block"], ["report", "block", "-o", "x"]])
+def test_a_working_folder_that_was_removed_is_an_error_before_anything_is_solved(
+    tmp_path: Path, words: list[str]
+) -> None:
+    shell = "mkdir gone && cd gone && rmdir ../gone && exec " + " ".join([*PALPATE, *words])
+    done = subprocess.run(
+        ["sh", "-c", shell], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        "palpate: the working folder cannot be used (No such file or directory): go to another\n"
+    )
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs locks")
+def test_what_a_killed_run_of_the_same_number_left_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In containers every run may have the process number 1."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(temporaries, "sweep_scratch", temporaries.sweep_scratch.__wrapped__)
+    monkeypatch.setattr(temporaries, "_sweep_beside", temporaries._sweep_beside.__wrapped__)
+    left = tmp_path / f"palpate-simulator-{os.getpid()}-0123abcd"
+    half = tmp_path / f".r.palpate-{os.getpid()}-0123abcd.tmp.json"
+    left.mkdir()
+    half.touch()
+    long_ago = temporaries._STARTED - 10.0
+    for path in (left, half):
+        os.utime(path, (long_ago, long_ago))
+    with scratch_folder("own") as own, atomic_path(tmp_path / "r.json") as new:
+        for _ in range(2):  # what is in use stays, also of other threads
+            with scratch_folder("other"), atomic_path(tmp_path / "s.json"):
+                assert own.exists()
+                assert new.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.json", "s.json"]
