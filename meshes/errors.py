@@ -14,6 +14,13 @@ def first_of(items: Sequence[object], limit: int = 5) -> str:
     return shown if len(items) <= limit else f"{shown} and {len(items) - limit} more"
 
 
+def made_anew(kind: type[Exception], args: tuple[object, ...], fields: dict[str, object]) -> object:
+    """An error from its pickle: not by what its class takes, which its message does not have."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(fields)
+    return error
+
+
 class InputError(ValueError):
     """The input cannot be used; the message names the thing, the value and the remedy.
 
@@ -24,6 +31,9 @@ class InputError(ValueError):
     ...     print(str(error)[:20])
     poissons_ratio = 0.5
     """
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return made_anew, (type(self), self.args, vars(self))
 
 
 class FileFormatError(InputError):

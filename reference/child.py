@@ -1,15 +1,15 @@
 """The reference in a process of its own: time limit, progress lines, exit codes.
 
 dolfinx can abort, hang or be killed for memory; the caller must survive all three. The child is
-python -m palpate.reference.child PROBLEM.npz TASK.npz RESULT.npz; its progress comes as lines on
-standard output.
+python -m palpate.reference.child TASK RESULT, both pickled: a task with its problem, and what it
+returns or raises. Its progress comes as lines on standard output.
 """
 
 from __future__ import annotations
 
 import contextlib
-import inspect
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -19,29 +19,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
-from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.meshes.supervised import supervised
-from palpate.meshes.temporaries import atomic_path, scratch_folder
+from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
 from palpate.reference.errors import (
-    ReferenceBlowUpError,
     ReferenceCrashedError,
-    ReferenceNotConvergedError,
-    ReferenceStepError,
+    ReferenceFailedError,
     ReferenceTimeoutError,
     ReferenceUnavailableError,
 )
 from palpate.reference.ranks import num_ranks, solve_on_ranks
-from palpate.reference.result import load_result, save_result
-from palpate.reference.tasks import Answer, Progress, Task, load_task, say_nothing
+from palpate.reference.tasks import Answer, Progress, Task, say_nothing
 
-EXIT_INPUT = 2
-EXIT_FAILED = 3
-EXIT_UNAVAILABLE = 4
 _PROGRESS = "progress: "
 _STDERR_LINES = 40
 
@@ -136,10 +127,6 @@ def _pass_on(lines: deque[str], progress: Progress) -> None:
             progress(line.removeprefix(_PROGRESS).rstrip("\n"))
 
 
-# Errors by which a solve may end without a result; the child writes them to a file too.
-_FAILURES = (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError)
-
-
 def run_task(
     task: Task[Answer],
     problem: Problem,
@@ -174,12 +161,23 @@ def run_task(
         )
         return answered
     with scratch_folder("reference") as folder:
-        given, answer, todo = (folder / f"{name}.npz" for name in ("problem", "result", "task"))
-        save_problem(given, problem)
-        save_result(todo, task)
-        command = _command(given, todo, answer)
-        exit_code, errors = run_child(command, time_limit, progress, temporaries=folder)
-        return _read_answer(answer, exit_code, errors, task)
+        given, answer = folder / "task.pickle", folder / "result.pickle"
+        given.write_bytes(pickle.dumps((task, problem)))
+        exit_code, errors = run_child(
+            _command(given, answer), time_limit, progress, temporaries=folder
+        )
+        if exit_code != 0:
+            raise ReferenceCrashedError(exit_code, errors)
+        try:
+            answered = pickle.loads(answer.read_bytes())
+        except Exception as error:  # damage shows as any kind of error
+            reason = " ".join(str(error).split())
+            unread = f"{errors}\nno readable answer: {reason}"
+            raise ReferenceCrashedError(exit_code, unread) from error
+        if isinstance(answered, Exception):
+            raise answered
+        found: Answer = answered
+        return found
 
 
 def _command(*files: Path) -> list[str]:
@@ -187,65 +185,24 @@ def _command(*files: Path) -> list[str]:
     return [sys.executable, "-P", "-m", "palpate.reference.child", *map(str, files)]
 
 
-def _read_answer(answer: Path, exit_code: int, errors: str, task: Task[Answer]) -> Answer:
-    message = (errors.strip().splitlines() or [""])[-1]
-    if exit_code == EXIT_INPUT:
-        raise InputError(message)
-    if exit_code == EXIT_UNAVAILABLE:
-        raise ReferenceUnavailableError(message)
-    if exit_code not in (0, EXIT_FAILED):
-        raise ReferenceCrashedError(exit_code, errors)
-    try:
-        if exit_code == EXIT_FAILED:
-            raise _load_failure(answer)
-        answered: Answer = load_result(answer, task.answer)
-        return answered
-    except (FileFormatError, OSError, KeyError, ValueError) as error:
-        raise ReferenceCrashedError(exit_code, f"{errors}\nno readable answer: {error}") from error
-
-
-def _save_failure(path: Path, error: Exception) -> None:
-    """Write the arguments of an error: its attributes have their names."""
-    fields = {name: np.asarray(getattr(error, name)) for name in _arguments(type(error))}
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, kind=type(error).__name__, **fields)
-
-
-def _load_failure(path: Path) -> Exception:
-    with np.load(path, allow_pickle=False) as stored:
-        kind = {kind.__name__: kind for kind in _FAILURES}[str(stored["kind"])]
-        given = {name: stored[name] for name in _arguments(kind)}
-    return kind(**{name: v if v.ndim else v.item() for name, v in given.items()})
-
-
-def _arguments(kind: type[Exception]) -> list[str]:
-    return list(inspect.signature(kind).parameters)
-
-
 def main(arguments: Sequence[str]) -> int:
-    """Read a problem, a task and the path of the result; return the exit status."""
-    given, todo, answer = map(Path, arguments)
+    """Read a task and its problem, write what it returns or raises; return the exit status."""
+    given, answer = map(Path, arguments)
 
     def say(line: str) -> None:
         print(f"{_PROGRESS}{line}", flush=True)
 
-    def end(exit_code: int, error: BaseException, what: str = "") -> int:
-        """Write the error as one line to standard error; return the exit status."""
-        print(what + " ".join(str(error).split()), file=sys.stderr)
-        return exit_code
-
+    result: Any
     try:
         require_available()
-        problem, task = load_problem(given), load_task(todo)
+        task, problem = pickle.loads(given.read_bytes())
         say("loading FEniCSx")
-        save_result(answer, task(problem, say))
-    except _FAILURES as error:
-        _save_failure(answer, error)
-        return end(EXIT_FAILED, error)
-    except InputError as error:
-        return end(EXIT_INPUT, error)
-    except (ReferenceUnavailableError, ImportError) as error:
-        return end(EXIT_UNAVAILABLE, error, "FEniCSx cannot be imported: ")
+        result = task(problem, say)
+    except (ReferenceFailedError, InputError) as error:
+        result = error
+    except ImportError as error:
+        result = ReferenceUnavailableError(f"FEniCSx cannot be imported: {error}")
+    answer.write_bytes(pickle.dumps(result))
     return 0
 
 

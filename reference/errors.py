@@ -12,6 +12,7 @@ import signal
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.errors import made_anew
 
 
 class ReferenceFailedError(RuntimeError):
@@ -21,6 +22,9 @@ class ReferenceFailedError(RuntimeError):
     >>> issubclass(palpate.ReferenceFailedError, palpate.InputError)
     False
     """
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return made_anew, (type(self), self.args, vars(self))
 
 
 class ReferenceUnavailableError(ReferenceFailedError):

@@ -1,21 +1,16 @@
-"""Results of the reference, static and dynamic, and their file; importable without FEniCSx."""
+"""Results of the reference, static and dynamic; importable without FEniCSx."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.temporaries import atomic_path
 from palpate.reference.schemes import Integrator
 
 Values: TypeAlias = Floats
@@ -319,72 +314,3 @@ class SteppedResult(Trajectory):
     num_steps: int
     largest_residual: float
     element: Element
-
-
-def save_result(path: str | Path, result: Any) -> None:
-    """Write a result, a dataclass of arrays and plain values, to `path` (.npz) atomically."""
-    arrays, plain = _parted(result)
-    header = np.array(
-        json.dumps({"kind": type(result).__name__, **plain}, default=dataclasses.asdict)
-    )
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, header=header, **arrays)
-
-
-# Enumerations, which JSON stores as text.
-_PLAIN = {
-    "strain": Strain,
-    "formulation": Formulation,
-    "element": Element,
-    "integrator": Integrator,
-}
-
-
-def _parted(result: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays and plain values of a dataclass by name; of a nested result as FIELD/NAME."""
-    values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
-    arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
-    plain = {name: v for name, v in values.items() if name not in arrays}
-    for name, value in plain.items():
-        if isinstance(value, ReferenceResult):
-            inner, plain[name] = _parted(value)
-            arrays |= {f"{name}/{field}": v for field, v in inner.items()}
-    return arrays, plain
-
-
-def _history(rows: dict[str, Any]) -> ToolHistory:
-    """A tool history from JSON, which turns tuples into lists."""
-    for name in ("forces", "moments"):
-        rows[name] = [tuple(row) for row in rows[name]]
-    return ToolHistory(**{name: tuple(row) for name, row in rows.items()})
-
-
-def load_result(path: str | Path, *kinds: type[Any]) -> Any:
-    """Read a result of one of some kinds written by `save_result`.
-
-    Raises:
-        FileFormatError: Missing, damaged, or another kind of file.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            values = json.loads(str(stored["header"]))
-            kind = {kind.__name__: kind for kind in kinds}[values.pop("kind")]
-            for name in stored.files:
-                owner, _, field = name.rpartition("/")
-                if name != "header":
-                    (values[owner] if owner else values)[field] = stored[name]
-        if values.get("first") is not None:
-            values["first"] = _made(ReferenceResult, values["first"])
-        return _made(kind, values)
-    except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
-        raise FileFormatError(path, f"not a result of the reference ({error})") from error
-
-
-def _made(kind: type[Any], values: dict[str, Any]) -> Any:
-    """Construct a result from its values, which JSON has stored as plain ones."""
-    for name, known in _PLAIN.items():
-        if name in values:
-            values[name] = known(values[name])
-    if "tools" in values:
-        values["tools"] = tuple(_history(rows) for rows in values["tools"])
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})

@@ -1,22 +1,19 @@
 """Tasks of the reference as plain data; importable without FEniCSx.
 
 A task is called with a problem and a function that reports progress; it is passed to a child
-process as a file and to the ranks of mpirun by pickling.
+process and to the ranks of mpirun by pickling.
 """
 
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
+from dataclasses import dataclass
+from typing import ClassVar, Generic, TypeAlias, TypeVar
 
-import numpy as np
-
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.adaptivity.goals import Budget, Goal
 from palpate.reference.result import (
     AdaptiveResult,
     Audit,
@@ -24,7 +21,6 @@ from palpate.reference.result import (
     ImplicitResult,
     ReferenceResult,
     SteppedResult,
-    load_result,
 )
 from palpate.reference.schemes import Integrator
 
@@ -39,12 +35,9 @@ def say_nothing(_line: str) -> None:
 class Task(Generic[Answer]):
     """A function to be called with a problem; its options are the fields of the task.
 
-    Attributes:
-        answer: The class of its result.
-        function: "module:name" below palpate.reference; its docstring defines the fields.
+    `function` is "module:name" below palpate.reference; its docstring defines the fields.
     """
 
-    answer: ClassVar[type[Any]]
     function: ClassVar[str]
 
     @property
@@ -55,15 +48,11 @@ class Task(Generic[Answer]):
         """
         return getattr(self, "element", None) is Element.SMOOTHED
 
-    def options(self) -> dict[str, Any]:
-        """Keyword arguments of the function, besides the one that reports progress."""
-        return dict(vars(self))
-
     def __call__(self, problem: Problem, progress: Progress) -> Answer:
         """Call the function."""
         module, name = self.function.split(":")
         function = getattr(importlib.import_module(f"palpate.reference.{module}"), name)
-        answer: Answer = function(problem, **self.options(), progress=progress)
+        answer: Answer = function(problem, **vars(self), progress=progress)
         return answer
 
 
@@ -78,61 +67,21 @@ class StaticTask(Task[ReferenceResult]):
     element: Element = Element.LINEAR
     start: Points | None = None
 
-    answer, function = ReferenceResult, "statics:solve_static"
+    function = "statics:solve_static"
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveTask(Task[AdaptiveResult]):
-    """`palpate.reference.adaptivity.adaptive.solve_adaptively`.
+    """`palpate.reference.adaptivity.adaptive.solve_adaptively`."""
 
-    Attributes:
-        goals: Name and tolerance of each goal. A name is that of a quantity; for a quantity of a
-            part of the body it is followed by "@" and a label chosen by the caller.
-        seconds: Time of the budget [s].
-        memory: Memory of the budget [GB].
-        unknowns: Unknowns of the budget.
-        part_cells: For each goal with a part, 1 in the cells whose stress counts and 0 in the
-            others, shape (num_parts, num_cells).
-        part_weights: `Part.weights` of the same goals, shape (num_parts, num_points, 3).
-        part_supports: The support of the same goals, -1 for none, shape (num_parts,).
-        strain: See `solve_adaptively`, also for the other fields.
-    """
-
-    goals: tuple[tuple[str, float], ...]
-    seconds: float
-    memory: float
+    goals: tuple[Goal, ...]
+    budget: Budget
     strain: Strain = Strain.GREEN
     degree: int = 2
     formulation: Formulation = Formulation.DISPLACEMENT
-    unknowns: float = math.inf
-    part_cells: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    part_weights: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    part_supports: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     start: Points | None = None
 
-    answer, function = AdaptiveResult, "adaptivity.adaptive:solve_adaptively"
-
-    def options(self) -> dict[str, Any]:
-        """Goals and budget from the plain fields."""
-        from palpate.reference.adaptivity.goals import Budget, Goal, Part, Quantity
-
-        rows = zip(self.part_cells, self.part_weights, self.part_supports, strict=True)
-        parts = iter(
-            [
-                Part(np.flatnonzero(inside), weights, int(support) if support >= 0 else None)
-                for inside, weights, support in rows
-            ]
-        )
-        goals = [
-            Goal(Quantity(name.split("@")[0]), bar, next(parts) if "@" in name else None, name)
-            for name, bar in self.goals
-        ]
-        same = ("strain", "degree", "formulation", "start")
-        return {
-            "goals": goals,
-            "budget": Budget(self.seconds, self.memory, self.unknowns),
-            **{name: getattr(self, name) for name in same},
-        }
+    function = "adaptivity.adaptive:solve_adaptively"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +92,7 @@ class AuditTask(Task[Audit]):
     strain: Strain = Strain.GREEN
     degree: int = 2
 
-    answer, function = Audit, "audit:audit_displacement"
+    function = "audit:audit_displacement"
 
 
 @dataclass(frozen=True)
@@ -156,7 +105,7 @@ class ImplicitTask(Task[ImplicitResult]):
     is_mass_lumped: bool = False
     relative_tolerance: float = 1e-9
 
-    answer, function = ImplicitResult, "dynamics:simulate_implicit"
+    function = "dynamics:simulate_implicit"
 
 
 @dataclass(frozen=True)
@@ -168,14 +117,4 @@ class SteppedTask(Task[SteppedResult]):
     element: Element = Element.LINEAR
     relative_tolerance: float = 1e-10
 
-    answer, function = SteppedResult, "stepping:simulate_by"
-
-
-def load_task(path: str | Path) -> Task[Any]:
-    """Read a task written by `save_result`.
-
-    Raises:
-        FileFormatError: Missing, damaged, or not a task.
-    """
-    task: Task[Any] = load_result(path, *Task.__subclasses__())
-    return task
+    function = "stepping:simulate_by"

@@ -166,15 +166,16 @@ def test_it_travels_to_a_child_process_and_back(box):
     problem = clamped(box((1, 1, 1)))
     mesh = problem.mesh
     names = ("displacement_l2", "volume", "stress_l2@all", "traction_resultant@clamp")
-    task = AdaptiveTask(
-        tuple(zip(names, (0.2, math.inf, math.inf, math.inf), strict=True)),
-        60.0,
-        4.0,
-        part_cells=np.array([np.ones(mesh.num_cells), np.zeros(mesh.num_cells)]),
-        part_weights=np.zeros((2, mesh.num_points, 3)),
-        part_supports=np.array([-1, 0], dtype=np.int32),
+    weights = np.zeros((mesh.num_points, 3))
+    parts = {
+        "stress_l2@all": Part(np.arange(mesh.num_cells, dtype=np.int32), weights),
+        "traction_resultant@clamp": Part(np.zeros(0, dtype=np.int32), weights, support=0),
+    }
+    goals = tuple(
+        Goal(Quantity(name.partition("@")[0]), bar, parts.get(name), name)
+        for name, bar in zip(names, (0.2, math.inf, math.inf, math.inf), strict=True)
     )
-    found = run_task(task, problem)
+    found = run_task(AdaptiveTask(goals, Budget(60.0, 4.0)), problem)
     assert found.ended == "every bar is met"
     assert found.quantities == names
     assert found.bars.shape == found.differences.shape == (len(found.num_cells), 4)

@@ -11,8 +11,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
@@ -110,33 +108,21 @@ def refine_truth(
     Raises:
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
+    from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AdaptiveTask
 
     progress(f"{TRUTH}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
-    mesh, parts = problem.mesh, request.named_parts(strain)
+    whole = (*whole_metrics(problem), ENERGY)
+    goals = [Goal(Quantity(name), request.tolerance(name, strain)) for name in whole]
+    for name, part in request.named_parts(strain).items():
+        goals.append(Goal(Quantity(name.partition("@")[0]), request.bar, part, name))
     task = AdaptiveTask(
-        (
-            *(
-                (metric, request.tolerance(metric, strain))
-                for metric in (*whole_metrics(problem), ENERGY)
-            ),
-            *((name, request.bar) for name in parts),
-        ),
-        request.seconds,
-        request.memory,
+        tuple(goals),
+        Budget(request.seconds, request.memory, request.unknowns),
         strain,
         DEGREE,
         formulation_for(problem, DEGREE),
-        request.unknowns,
-        part_cells=np.array(
-            [np.isin(np.arange(mesh.num_cells), part.cells) for part in parts.values()], dtype=float
-        ).reshape(-1, mesh.num_cells),
-        part_weights=np.array([p.weights for p in parts.values()]).reshape(-1, mesh.num_points, 3),
-        part_supports=np.array(
-            [-1 if part.support is None else part.support for part in parts.values()],
-            dtype=np.int32,
-        ),
         start=request.start,
     )
     # The budget is respected by not beginning; what was begun is not cut off.

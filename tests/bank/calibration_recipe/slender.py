@@ -77,13 +77,14 @@ def kept_answer(name: str, problem: Problem, strain: Strain) -> Answer | None:
 
 def find_answer(name: str, problem: Problem, strain: Strain) -> None:
     """Find an answer and keep it: minutes."""
+    from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
     from palpate.reference.child import run_task
     from palpate.reference.result import AdaptiveResult, formulation_for
     from palpate.reference.tasks import AdaptiveTask
 
-    goals = tuple((metric, _TOLERANCE) for metric in WHOLE_BODY_METRICS)
+    goals = tuple(Goal(Quantity(metric), _TOLERANCE) for metric in WHOLE_BODY_METRICS)
     formulation = formulation_for(problem, 3)
-    task = AdaptiveTask(goals, _SECONDS, 5.0, strain, 3, formulation, _UNKNOWNS)
+    task = AdaptiveTask(goals, Budget(_SECONDS, 5.0, _UNKNOWNS), strain, 3, formulation)
     found = run_task(task, problem, time_limit=4.0 * _SECONDS)
     assert isinstance(found, AdaptiveResult)
     numbers = np.array([found.volume, found.surface_area, *found.differences[-1]])

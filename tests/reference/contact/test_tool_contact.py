@@ -21,7 +21,6 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.reference.availability import is_available
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.result import ReferenceResult, load_result, save_result
 
 if is_available():
     from palpate.reference.audit import audit_displacement
@@ -194,13 +193,6 @@ def test_a_tool_pressed_through_the_body_ends_honestly(box):
     top = np.unique(mesh.facet_groups["z1"])
     depth = 0.7 * error.load_factor
     assert error.displacement[top, 2].mean() == pytest.approx(-depth, rel=0.05)
-
-
-def test_what_the_tool_felt_survives_a_file(box, tmp_path):
-    mesh = box((2, 2, 2))
-    result = solve(mesh, pressed(SphereShape(0.6), (1.6, 1.55)))
-    save_result(tmp_path / "result.npz", result)
-    assert load_result(tmp_path / "result.npz", ReferenceResult).tools == result.tools
 
 
 def test_what_is_not_modelled_is_refused(box):
