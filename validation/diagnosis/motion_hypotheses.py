@@ -32,7 +32,7 @@ from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses
 from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN, laws_instead_of_law
-from palpate.validation.metrics.stepping import MotionHypothesis, Start, Stepper, Update
+from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 from palpate.validation.states import State
 
 Fields = NDArray[np.float64]
@@ -55,9 +55,9 @@ _VISCOSITIES = {
 }
 _STEPPINGS = {
     "wrong start: the step before the first taken for the first, without half of its "
-    "acceleration": MotionHypothesis(start=Start.NONE),
-    "wrong start: twice the acceleration at first": MotionHypothesis(start=Start.DOUBLE),
-    "semi-implicit Euler steps": MotionHypothesis(update=Update.SEMI_IMPLICIT),
+    "acceleration": MotionHypothesis(start=0.0),
+    "wrong start: twice the acceleration at first": MotionHypothesis(start=1.0),
+    "semi-implicit Euler steps": MotionHypothesis(is_semi_implicit=True),
     "every state stored one step late": MotionHypothesis(late=-1),
     "every state stored one step early": MotionHypothesis(late=1),
 }

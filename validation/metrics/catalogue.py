@@ -20,7 +20,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics import comparison, motion, numbers, stress, validity
 from palpate.validation.metrics.difference import Difference, are_measurable, is_still
 from palpate.validation.metrics.stress import Part
-from palpate.validation.states import State
+from palpate.validation.states import OwnMesh, State
 
 Compare = Callable[[Problem, State, State], Difference]
 CompareInPart = Callable[[Problem, State, State, Part], Difference]
@@ -390,40 +390,25 @@ def measure(
     if not metric.needs_tools and all(is_still(problem.mesh, s) for s in (candidate, reference)):
         # Distances of surfaces and forces are then rounding, and nothing scales them.
         return Difference(0.0, 0.0, metric.scale)
+
+    def compare(other: State, own: OwnMesh | None) -> Difference:
+        if part is not None and metric.of_part is not None:
+            return metric.of_part(problem, candidate, other, part)
+        if metric.compare is not None:
+            return metric.compare(problem, candidate, other)
+        assert metric.error is not None
+        assert metric.scale_of is not None
+        return comparison.compare_states(
+            metric.error, metric.scale_of, problem, candidate, other, own=own,
+            is_alone=metric.is_alone,
+        )  # fmt: skip
+
     with np.errstate(over="ignore", invalid="ignore"):
-        found = _compare(metric, problem, candidate, reference, part)
-        other, off = candidate.other_reading, 0.0
+        found, other, off = compare(reference, candidate.own), candidate.other_reading, 0.0
         # A fit is of the states as they were sent, not as they are read between them.
         if other is not None and not metric.is_fitted:
-            apart = _compare(metric, problem, candidate, other, part, is_at_points=True)
+            apart = compare(other, None)
             off = apart.value * apart.scale / found.scale if apart.value else 0.0
     return dataclasses.replace(
         found, scale_name=found.scale_name or metric.scale, uncertainty=found.uncertainty + off
-    )
-
-
-def _compare(
-    metric: Metric,
-    problem: Problem,
-    candidate: State,
-    reference: State,
-    part: Part | None,
-    *,
-    is_at_points: bool = False,
-) -> Difference:
-    """The metric's error over its scale; of metrics of a part, of that part."""
-    if part is not None and metric.of_part is not None:
-        return metric.of_part(problem, candidate, reference, part)
-    if metric.compare is not None:
-        return metric.compare(problem, candidate, reference)
-    assert metric.error is not None
-    assert metric.scale_of is not None
-    return comparison.compare_states(
-        metric.error,
-        metric.scale_of,
-        problem,
-        candidate,
-        reference,
-        own=None if is_at_points else candidate.own,
-        is_alone=metric.is_alone,
     )

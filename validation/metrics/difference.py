@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import facet_areas
-from palpate.validation.states import State, Trajectory
+from palpate.validation.states import State
 
 # Displacements [m] beyond this have no volume that a number can hold.
 _LARGEST = 1e100
@@ -90,63 +90,33 @@ def ratio(error: float, scale: float, name: str = "") -> Difference:
     return Difference(error / scale, scale, name)
 
 
-class Measures(TypedDict):
-    """What geometry alone says of a displacement; see `State`."""
-
-    displacement: Points
-    volume: float
-    surface_area: float
-    smallest_det_f: float
-    max_displacement: float
-
-
-def measures_of(mesh: TetMesh, displacement: Points) -> Measures:
-    """Measure a linear displacement field.
+def measures_of(mesh: TetMesh, displacement: Points) -> dict[str, Any]:
+    """What geometry alone says of a linear displacement field, by the names of `State`.
 
     What cannot be measured (NaN, or numbers too large for it) is infinite, det F minus infinity:
     no comparison with it passes.
     """
-    inf = math.inf
-    if not are_measurable(displacement):
-        return Measures(
-            displacement=displacement,
-            volume=inf,
-            surface_area=inf,
-            smallest_det_f=-inf,
-            max_displacement=inf,
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        moved = mesh.points + displacement
-        volumes = signed_volumes(moved, mesh.cells)
-        rest = signed_volumes(mesh.points, mesh.cells)
-        return Measures(
-            displacement=displacement,
-            volume=float(volumes.sum()),
-            surface_area=float(facet_areas(moved, mesh.boundary_facets).sum()),
-            smallest_det_f=float((volumes / rest).min()),
-            max_displacement=float(np.linalg.norm(displacement, axis=1).max()),
-        )
+    found = dict.fromkeys(("volume", "surface_area", "max_displacement"), math.inf)
+    found |= {"smallest_det_f": -math.inf}
+    if are_measurable(displacement):
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = mesh.points + displacement
+            volumes = signed_volumes(moved, mesh.cells)
+            rest = signed_volumes(mesh.points, mesh.cells)
+            found = {
+                "volume": float(volumes.sum()),
+                "surface_area": float(facet_areas(moved, mesh.boundary_facets).sum()),
+                "smallest_det_f": float((volumes / rest).min()),
+                "max_displacement": float(np.linalg.norm(displacement, axis=1).max()),
+            }
+    return {"displacement": displacement, **found}
 
 
 def make_state(
-    mesh: TetMesh,
-    displacement: Points,
-    *,
-    label: str,
-    simulator: str,
-    strain: Strain,
-    trajectory: Trajectory | None = None,
-    tool_forces: NDArray[np.float64] | None = None,
-    **more: Any,
+    mesh: TetMesh, displacement: Points, *, label: str, simulator: str, strain: Strain, **more: Any
 ) -> State:
     """A state with `measures_of` its displacement; the rest as in `State`."""
+    about = {"degree": 1, "trajectory": None, "tool_forces": None, **more}
     return State(
-        label=label,
-        simulator=simulator,
-        strain=strain,
-        degree=more.pop("degree", 1),
-        trajectory=trajectory,
-        tool_forces=tool_forces,
-        **measures_of(mesh, displacement),
-        **more,
+        label=label, simulator=simulator, strain=strain, **measures_of(mesh, displacement), **about
     )

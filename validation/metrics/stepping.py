@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
@@ -24,21 +23,6 @@ from palpate.validation.metrics.smoothing import Array
 
 # Displacements beyond so many body sizes are a blow-up.
 _FAR = 10.0
-
-
-class Start(Enum):
-    """The displacement that is assumed one step before the first."""
-
-    RIGHT = "a(0) + dt^2/2 a''(0)"
-    NONE = "a(0)"
-    DOUBLE = "a(0) + dt^2 a''(0)"
-
-
-class Update(Enum):
-    """The update of a step."""
-
-    CENTRAL = "central differences"
-    SEMI_IMPLICIT = "semi-implicit Euler"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +40,8 @@ class MotionHypothesis:
         is_other_pressure: Pressures follow the surface where they should not, or the reverse.
         damping: lambda of D = lambda M [1/s]; None for what was asked.
         viscosity: Factor of the stiffness damping [-].
+        start: Factor of dt^2 a''(0) in the displacement a step before the first [-].
+        is_semi_implicit: Semi-implicit Euler in the place of central differences.
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
         late: Steps that every stored state comes late.
@@ -73,8 +59,8 @@ class MotionHypothesis:
     is_other_pressure: bool = False
     damping: float | None = None
     viscosity: float = 1.0
-    start: Start = Start.RIGHT
-    update: Update = Update.CENTRAL
+    start: float = 0.5
+    is_semi_implicit: bool = False
     step_factor: float = 1.0
     pieces: int = 1
     late: int = 0
@@ -107,24 +93,18 @@ class Stepper:
         speed = self._speed_at_start(fixed)
         beta = hypothesis.viscosity * span.stiffness_damping / dt
         acceleration = self._acceleration(now, 0.0, hypothesis, beta, now - dt * speed)
-        match hypothesis.start:
-            case Start.RIGHT:
-                before = now - dt * speed + 0.5 * dt**2 * (acceleration - damping * speed)
-            case Start.NONE:
-                before = now - dt * speed
-            case Start.DOUBLE:
-                before = now - dt * speed + dt**2 * (acceleration - damping * speed)
-        before = np.where(fixed, now, before)
+        bend = hypothesis.start * dt**2 * (acceleration - damping * speed)
+        before = np.where(fixed, now, now - dt * speed + bend)
         left, right = 1.0 / dt**2 + damping / (2.0 * dt), 1.0 / dt**2 - damping / (2.0 * dt)
         velocity = speed
         every = self.per_output * hypothesis.pieces
         for step in range(1, every * self.num_outputs + 1 + max(-hypothesis.late, 0)):
             acceleration = self._acceleration(now, (step - 1) * dt, hypothesis, beta, before)
-            if hypothesis.update is Update.CENTRAL:
-                after = (acceleration + 2.0 / dt**2 * now - right * before) / left
-            else:
+            if hypothesis.is_semi_implicit:
                 velocity = velocity + dt * (acceleration - damping * velocity)
                 after = now + dt * velocity
+            else:
+                after = (acceleration + 2.0 / dt**2 * now - right * before) / left
             after = np.where(fixed, self._prescribed(step * dt, hypothesis), after)
             after = self._slid(after, step * dt, hypothesis)
             if not np.abs(after).max() < _FAR * size:
