@@ -22,7 +22,7 @@ from palpate.validation.report.plots import Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.solving import Simulator
 from palpate.validation.states import CandidateFailedError, Progress
-from palpate.validation.studies.study import findings_of, judge_live, page_of
+from palpate.validation.studies.kidney import findings_of, judge_live, page_of
 from palpate.validation.studies.sweep import lines_of
 from palpate.validation.studies.sweep_runs import Axis, Run, solve_row
 

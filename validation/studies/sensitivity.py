@@ -35,7 +35,7 @@ from palpate.validation.metrics.grid_convergence import GridConvergence
 from palpate.validation.report.plots import BLUE, GREY, OCHRE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.kidney import (
+from palpate.validation.studies.convergence import (
     QUANTITIES,
     Response,
     StoredTruth,

@@ -17,7 +17,7 @@ from palpate.validation.report.plots import Figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import ExitCode, Progress, Verdict
 from palpate.validation.studies import STUDIES, load_study, run_study
-from palpate.validation.studies.study import findings_of, page_of
+from palpate.validation.studies.kidney import findings_of, page_of
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -14,7 +14,7 @@ from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import Verdict, in_silence
-from palpate.validation.studies.kidney import QUANTITIES, Response, StoredTruth
+from palpate.validation.studies.convergence import QUANTITIES, Response, StoredTruth
 from palpate.validation.studies.sensitivity import (
     ASKED,
     COVERAGE,
