@@ -225,16 +225,17 @@ class State:
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
             (num_tools, num_outputs + 1, 3), means from output to output.
         versions: Versions of the libraries that solved it, by name.
-        says: What an outside candidate says of itself: its own words, never judged.
+        says: What an outside candidate says of itself, its own words: they choose nothing, and those
+            on its equations are compared with what was asked for.
         remarks: What was done to compare the solution, or its limits, a sentence each.
-        element: Its tetrahedra; for an outside simulator as its result states.
+        element: Its tetrahedra; for an outside simulator as the caller asks for.
         stresses: Stresses of each cell under `displacement`: fastsim's solutions and the
             reference's equilibria have them.
         integrals: Stresses of a reference whose displacement at the points does not give them.
         sent_stress: Cauchy stress that an outside simulator sent [Pa], (num_cells, 3, 3), for
             `displacement` and the case's cells.
-        steps: Scheme and time step of a motion, as its simulator states them; None where it does
-            not, or where they are the case's own by central differences.
+        steps: Scheme and time step of a motion, as its simulator states them, or else as they were
+            asked for; None where they are the case's own by central differences.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)

@@ -203,10 +203,7 @@ def _of_steps(
 
 def _number(stated: object) -> float | None:
     """A finite number above 0; None where it is none."""
-    try:
-        number = float(stated) if isinstance(stated, int | float) else math.nan
-    except OverflowError:
-        return None
+    number = float(stated) if isinstance(stated, int | float) else math.nan
     return number if 0.0 < number < math.inf else None
 
 

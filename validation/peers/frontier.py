@@ -22,6 +22,7 @@ from palpate.fastsim.forces import external_force
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, side, support_of
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.exchange.placement import match_points
@@ -139,7 +140,7 @@ def run_installed(
                 break
             ours = None if peer.is_quadratic else solutions[n]
             try:
-                rows.append(_run_peer(simulator, problem, ours, truth, progress))
+                rows.append(_run_peer(simulator, peer.law, problem, ours, truth, progress))
             except CandidateFailedError as failure:
                 leave_out(f"{peer.name}, {problem.mesh.num_cells} cells: {failure}")
                 break
@@ -148,23 +149,23 @@ def run_installed(
 
 def _run_peer(
     simulator: OutsideSimulator,
+    law: Law,
     problem: Problem,
     ours: Points | None,
     truth: FieldTruth,
     progress: Progress,
 ) -> Row:
-    """Run a simulator; `ours` is fastsim's solution on the same mesh, None for other equations."""
+    """Run a simulator of a law; `ours` is fastsim's solution, None for other equations."""
     result, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = result.about
     matched = match_points(result, problem)
     found, mesh, own = matched.displacement[0], problem.mesh, matched.displacement
     if matched.own_mesh is not None and matched.own_displacement is not None:
         mesh, own = matched.own_mesh, matched.own_displacement
-    law = str(about["law"])
     return Row(
         str(about["tool"]),
         str(about["version"]),
-        STVK if law.startswith(STVK) else law,
+        STVK if law.is_linear_in_strain else law.value,
         str(about.get("method", "Newton, dense matrices")),
         problem.mesh.num_cells,
         float(str(about.get("seconds", seconds))),
