@@ -63,8 +63,8 @@ def sweep(
     vary: Annotated[
         list[str],
         typer.Option(
-            help="KEY=FIRST:LAST:COUNT or KEY=VALUE,...; load[0].factor scales; with --simulator "
-            "iterations and time_step"
+            help="KEY=FIRST:LAST:COUNT or KEY=VALUE,...; load[0].factor scales; for "
+            "--simulator with {iterations}: iterations and time_step"
         ),
     ],
     with_: Annotated[
@@ -72,7 +72,9 @@ def sweep(
     ] = Simulator.FASTSIM,
     simulator: Annotated[
         str | None,
-        typer.Option(help='instead: its error over "mysim {case} {result} {iterations}"'),
+        typer.Option(
+            help='"mysim {case} {result}" beside fastsim; with {iterations} its error over these'
+        ),
     ] = None,
     integrator: AskedIntegrator = None,
     limit: Annotated[
@@ -103,12 +105,12 @@ def sweep(
     loaded = load_case(case)
     inputs = input_files([loaded], command=simulator)
     require_run_folder(output, inputs=inputs)
-    if simulator is not None:
+    is_fastsims = element is not Elements.LINEAR or device != "cpu" or scheduler
+    if simulator is not None and (is_fastsims or with_ is not Simulator.FASTSIM):
+        raise InputError("--simulator takes no --element, --device, --with or --scheduler")
+    if simulator is not None and "{iterations}" in simulator:
         from palpate.validation.studies.sweep_iterations import read_moves, sweep_iterations
 
-        is_fastsims = element is not Elements.LINEAR or device != "cpu" or scheduler
-        if is_fastsims or with_ is not Simulator.FASTSIM:
-            raise InputError("--simulator takes no --element, --device, --with or --scheduler")
         iterations, steps = read_moves(vary)
         program = OutsideSimulator(simulator, time_limit, iterations[0])
         require_available()
@@ -127,7 +129,10 @@ def sweep(
         print(f"{output / 'report.html'}")
         raise typer.Exit(code)
     if integrator is not None:
-        raise InputError("--integrator is of another simulator: give --simulator")
+        raise InputError("--integrator is of another simulator: give --simulator with {iterations}")
+    if any(words.partition("=")[0].strip() == "iterations" for words in vary):
+        raise InputError('--vary iterations: give --simulator "mysim {case} {result} {iterations}"')
+    outside = [] if simulator is None else [OutsideSimulator(simulator, time_limit)]
     axes = [read_axis(words, loaded) for words in vary]
     if with_ is Simulator.REFERENCE and scheduler is None:
         require_available()
@@ -137,7 +142,7 @@ def sweep(
             axes,
             fresh,
             Console(highlight=False),
-            simulators=list(dict.fromkeys((Simulator.FASTSIM, with_))),
+            simulators=[*dict.fromkeys((Simulator.FASTSIM, with_)), *outside],
             elements=element.each,
             device=device,
             jobs=jobs,

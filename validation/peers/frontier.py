@@ -31,7 +31,7 @@ from palpate.validation.references.field_truth import STVK, FieldTruth, time_fas
 from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
-from palpate.validation.states import CandidateFailedError, Progress
+from palpate.validation.states import CandidateFailedError, Progress, Verdict
 from palpate.validation.versions import version_of
 
 TITLE = "Error against run time"
@@ -215,13 +215,13 @@ def judge(runs: Runs) -> list[Finding]:
     ]
     for tool in dict.fromkeys(row.tool for row in same_law):
         errors = [row.error for row in same_law if row.tool == tool]
-        findings.append(
-            judged(
-                f"{tool}: a finer mesh is nearer to the reference",
-                " > ".join(f"{error:.3f}" for error in errors),
-                all(b < a for a, b in pairwise(errors)),
-            )
-        )
+        claim = f"{tool}: a finer mesh is nearer to the reference"
+        if len(errors) < 2:
+            found = f"{errors[0]:.3f} on the one mesh that it solved, which shows no convergence"
+            findings.append(Finding(claim, found, Verdict.INCONCLUSIVE))
+            continue
+        words = " > ".join(f"{error:.3f}" for error in errors)
+        findings.append(judged(claim, words, all(b < a for a, b in pairwise(errors))))
     return findings + [
         judged(
             f"{row.tool} ({row.law}), {row.num_cells} cells: another law, judged apart",

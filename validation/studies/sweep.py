@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import cycle, product
+from itertools import cycle, pairwise, product
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.report.plots import COLOURS, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
 from palpate.validation.solving import Simulator
-from palpate.validation.states import Progress
+from palpate.validation.states import Progress, Verdict
 from palpate.validation.studies.sweep_runs import (
     Axis,
     Run,
@@ -111,7 +112,7 @@ def sweep(
     folder: Path,
     console: Console,
     *,
-    simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
+    simulators: Sequence[Simulator | OutsideSimulator] = (Simulator.FASTSIM,),
     elements: Sequence[Element] = (Element.LINEAR,),
     device: str = "cpu",
     jobs: int = 1,
@@ -121,7 +122,8 @@ def sweep(
     """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
 
     Returns:
-        0; 1 where no value has an answer, or fastsim and the reference differ.
+        0; 1 where no value has an answer, or fastsim and the reference differ; 3 where another load
+        or the other strain measure has the same result.
 
     Raises:
         InputError: See `variants` and `cluster`.
@@ -136,7 +138,7 @@ def sweep(
         scheduler=scheduler,
         progress=progress,
     )
-    ends = ends_of(axes, runs)
+    ends = [*ends_of(axes, runs), *sames_of(axes, runs)]
     for line in ends:
         console.print(line, markup=False, soft_wrap=True)
     unit = case.spec.units.length
@@ -153,7 +155,7 @@ def sweep(
         name="sweep",
         title=f"Sweep of {case.name}: {', '.join(axis.key for axis in axes)}",
         about=about,
-        findings=_findings(runs),
+        findings=_findings(axes, runs),
         page=Page(
             figures=sweep_figures(axes, runs, case, folder),
             tables={"sweep": table},
@@ -188,10 +190,136 @@ def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
     return lines
 
 
-def _findings(runs: Sequence[Run]) -> list[Finding]:
+# Results of one solve, rounded: relative L2 of displacement [-].
+_IDENTICAL = 1e-12
+
+
+def _are_same(one: Run, other: Run) -> bool:
+    if one.state is None or other.state is None:
+        return False
+    is_on_one_mesh = one.state.displacement.shape == other.state.displacement.shape
+    return is_on_one_mesh and difference(one.state, other.state) <= _IDENTICAL
+
+
+def _neighbours(runs: Sequence[Run], k: int) -> list[tuple[Run, Run]]:
+    """Neighbours along an axis that have a result each, all else being equal."""
+    rows: dict[object, list[Run]] = {}
+    solved = (run for run in runs if run.state is not None)
+    for run in sorted(solved, key=lambda run: run.values[k]):
+        others = (*run.values[:k], *run.values[k + 1 :])
+        rows.setdefault((others, run.who, run.strain), []).append(run)
+    return [pair for row in rows.values() for pair in pairwise(row)]
+
+
+def _same_along(runs: Sequence[Run], k: int) -> list[tuple[Run, Run]]:
+    return [pair for pair in _neighbours(runs, k) if _are_same(*pair)]
+
+
+def _same_strains(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
+    """Results that move, and are the same under linear and Green strain."""
+    return [
+        (run, other)
+        for run in runs
+        for other in runs
+        if run.strain is Strain.LINEAR and other.strain is Strain.GREEN
+        and (run.values, run.who) == (other.values, other.who)
+        and run.state is not None and run.state.max_displacement > 0.0
+        and _are_same(run, other)
+    ]  # fmt: skip
+
+
+def sames_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
+    """Where another value, or the other strain measure, has the same result, a line each."""
+    lines = []
+    for k, axis in enumerate(axes):
+        for one, other in _same_along(runs, k):
+            where = f"{axis.key} = {one.values[k]:g} and {other.values[k]:g}"
+            lines.append(
+                f"{one.who}, {one.strain} strain: the same result at {where}: it has no effect "
+                "on this case, or the simulator ignores it"
+            )
+    for one, _ in _same_strains(runs):
+        where = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, one.values, strict=True))
+        lines.append(
+            f"{one.who}: linear and Green strain have the same result at {where}: nothing is "
+            "strained there, or the simulator ignores the strain measure"
+        )
+    return lines
+
+
+# A simulator ignores what moves its result by less than this part of what it moves fastsim's.
+_IGNORES, _MOVES = 0.01, 1e-6
+
+
+def ignored_by(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
+    """What other simulators ignore though fastsim's result depends on it, a line each."""
+    ours = {
+        (run.values, run.element, run.strain): run.state
+        for run in runs
+        if run.simulator is Simulator.FASTSIM and run.state is not None
+    }
+
+    def is_ignored(one: Run, other: Run) -> bool:
+        mine, theirs = (ours.get((r.values, r.element, r.strain)) for r in (one, other))
+        if mine is None or theirs is None or one.state is None or other.state is None:
+            return False
+        moved = difference(mine, theirs)
+        return moved > _MOVES and difference(one.state, other.state) <= _IGNORES * moved
+
+    others = [run for run in runs if not isinstance(run.simulator, Simulator)]
+    lines = []
+    for k, axis in enumerate(axes):
+        for one, other in _neighbours(others, k):
+            if is_ignored(one, other):
+                where = f"{axis.key} = {one.values[k]:g} and {other.values[k]:g}"
+                lines.append(f"{one.who}, {one.strain} strain, ignores {where}")
+    for one, other in product(others, others):
+        of_both = one.strain is Strain.LINEAR and other.strain is Strain.GREEN
+        if (
+            of_both
+            and (one.values, one.who) == (other.values, other.who)
+            and is_ignored(one, other)
+        ):
+            where = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, one.values, strict=True))
+            lines.append(f"{one.who} ignores the strain measure at {where}")
+    return lines
+
+
+def finding_on_sames(axes: Sequence[Axis], runs: Sequence[Run]) -> list[Finding]:
+    """Whether more load, and the other strain measure, change the results, where loads vary."""
+    loads = [k for k, axis in enumerate(axes) if axis.is_load]
+    if not loads:
+        return []
+    same = [pair for k in loads for pair in _same_along(runs, k)]
+    alike = _same_strains(runs)
+    found = f"the same result at {len(same)} pairs of loads, and {len(alike)} times in both strains"
+    verdict = Verdict.INCONCLUSIVE if same or alike else Verdict.PASSED
+    return [
+        Finding("another load, and the other strain measure, change the result", found, verdict)
+    ]
+
+
+def _findings_on_others(axes: Sequence[Axis], runs: Sequence[Run]) -> list[Finding]:
+    """Whether other simulators solve at some value, and take what they are asked for."""
+    others = [run for run in runs if not isinstance(run.simulator, Simulator)]
+    if not others:
+        return []
+    count = sum(run.state is not None for run in others)
+    lines = ignored_by(axes, runs)
+    found = "; ".join(lines[:3]) + (f"; and {len(lines) - 3} more" if len(lines) > 3 else "")
+    claim = f"{others[0].simulator} takes the values and the strain measure that it is asked for"
+    return [
+        judged(f"{others[0].simulator} has a result", f"{count} of {len(others)} runs", count > 0),
+        judged(claim, found or "it moves where fastsim does", not lines),
+    ]
+
+
+def _findings(axes: Sequence[Axis], runs: Sequence[Run]) -> list[Finding]:
     num_answers = sum(run.state is not None for run in runs)
     findings = [
-        judged("some value has an answer", f"{num_answers} of {len(runs)} runs", num_answers > 0)
+        judged("some value has an answer", f"{num_answers} of {len(runs)} runs", num_answers > 0),
+        *finding_on_sames(axes, runs),
+        *_findings_on_others(axes, runs),
     ]
     differences = [
         (difference(run.state, other.state), run)

@@ -23,6 +23,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.untrusted import parse_toml
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.validation.candidates.candidate import outside_candidate
+from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case, CaseError
 from palpate.validation.case.load import explain
 from palpate.validation.case.schema import CaseSpec, input_names
@@ -246,7 +248,7 @@ class Run:
 
     Attributes:
         values: One for each axis.
-        simulator: Who solved.
+        simulator: Who solved: a simulator of palpate, or the name of somebody else's.
         element: With which tetrahedra.
         strain: With which law.
         state: The answer, None where there is none.
@@ -255,7 +257,7 @@ class Run:
     """
 
     values: tuple[float, ...]
-    simulator: Simulator
+    simulator: Simulator | str
     element: Element
     strain: Strain
     state: State | None
@@ -272,7 +274,7 @@ class Run:
 def run_all(
     axes: Sequence[Axis],
     found: Sequence[Variant],
-    simulators: Sequence[Simulator],
+    simulators: Sequence[Simulator | OutsideSimulator],
     *,
     elements: Sequence[Element] = (Element.LINEAR,),
     device: str = "cpu",
@@ -343,7 +345,7 @@ def solve_row(
     axes: Sequence[Axis],
     row: Sequence[tuple[tuple[float, ...], Problem]],
     units: Units,
-    simulator: Simulator,
+    simulator: Simulator | OutsideSimulator,
     element: Element,
     strain: Strain,
     device: str = "cpu",
@@ -353,16 +355,23 @@ def solve_row(
 
     All of it is plain data, which another machine can have.
     """
-    ask = functools.partial(solve, strain=strain, element=element, with_=simulator)
+    is_outside = isinstance(simulator, OutsideSimulator)
+    name = name_of(simulator) if is_outside else simulator
     runs: list[Run] = []
     end = ""
+
+    def ask(problem: Problem, **how: Any) -> State:
+        if isinstance(simulator, OutsideSimulator):
+            return outside_candidate(simulator, element).solve(problem, strain, in_silence)
+        return solve(problem, strain=strain, element=element, with_=simulator, **how)
+
     for values, problem in row:
-        run = functools.partial(Run, values, simulator, element, strain)
+        run = functools.partial(Run, values, name, element, strain)
         if end:
             runs.append(run(None, end, was_tried=False))
             continue
         where = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, values, strict=True))
-        progress(f"{simulator}, {element} tetrahedra, {strain} strain, {where}")
+        progress(f"{name}, {element} tetrahedra, {strain} strain, {where}")
         try:
             if device == "cpu" or simulator is not Simulator.FASTSIM:
                 found = ask(problem)
@@ -378,6 +387,11 @@ def solve_row(
             if axes[0].is_load:
                 end = f"not tried: no solution at {axes[0].key} = {values[0]:g}"
     return runs
+
+
+def name_of(simulator: OutsideSimulator) -> str:
+    """The name of somebody else's simulator, which is no name of palpate's own."""
+    return f"{simulator.name} (simulator)"
 
 
 def linear_error(run: Run, runs: Sequence[Run]) -> float | None:

@@ -20,7 +20,8 @@ def verdicts(rows: list[Row]) -> list[Verdict]:
 
 
 def test_what_agrees_and_converges_passes() -> None:
-    assert set(verdicts(ROWS)) == {Verdict.PASSED}
+    finer = ROWS[2]._replace(num_cells=192, error=0.4)
+    assert set(verdicts([*ROWS, finer])) == {Verdict.PASSED}
 
 
 def test_a_stranger_of_the_same_law_and_a_coarser_winner_fail() -> None:
@@ -28,6 +29,13 @@ def test_a_stranger_of_the_same_law_and_a_coarser_winner_fail() -> None:
     assert Verdict.FAILED in verdicts(far)
     growing = [ROWS[0], ROWS[1]._replace(error=0.8)]
     assert Verdict.FAILED in verdicts(growing)
+
+
+def test_one_mesh_shows_no_convergence() -> None:
+    alone = Row("Alone", "1", frontier.STVK, "m", 24, 0.1, 0.7, 1e-7)
+    (finding,) = (f for f in judge(Runs([*ROWS[:2], alone], (), 0.01)) if "Alone" in f.claim)
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert "no convergence" in finding.found
 
 
 def test_the_figure_names_tools_versions_and_the_other_law() -> None:

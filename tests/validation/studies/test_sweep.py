@@ -15,11 +15,15 @@ import pytest
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_arrays import nodal_force
+from palpate.validation.peers import adapters
 from palpate.validation.solving import Simulator, solve
-from palpate.validation.studies.sweep import ends_of
+from palpate.validation.states import Verdict
+from palpate.validation.studies.sweep import ends_of, finding_on_sames, ignored_by, sames_of
 from palpate.validation.studies.sweep_runs import (
+    Run,
     VaryError,
     linear_error,
     read_axis,
@@ -184,6 +188,93 @@ def test_it_stops_where_equilibrium_ends_and_says_at_which_value(
     (reported,) = ends_of(axes, runs)
     assert "no solution at load[0].factor = 10" in reported
     assert reported.endswith("the last that has one is load[0].factor = 1")
+
+
+def test_the_same_result_for_other_values_or_the_other_strain_is_said_and_shows_nothing(
+    write_case: Callable[..., Path],
+) -> None:
+    case = load_case(write_case())
+    axes = [read_axis("load[0].factor=0.5,1,2", case)]
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=silent)
+    assert sames_of(axes, runs) == []
+    (right,) = finding_on_sames(axes, runs)
+    assert right.verdict is Verdict.PASSED
+
+    def sends(chosen: Callable[[Run], Run]) -> tuple[list[str], Verdict]:
+        spoiled = [dataclasses.replace(run, state=chosen(run).state) for run in runs]
+        (finding,) = finding_on_sames(axes, spoiled)
+        return sames_of(axes, spoiled), finding.verdict
+
+    def run_of(load: float, strain: Strain) -> Run:
+        return next(run for run in runs if (run.values[0], run.strain) == (load, strain))
+
+    # At every load; from some load on; the same for both strains.
+    lines, verdict = sends(lambda run: run_of(1.0, run.strain))
+    assert verdict is Verdict.INCONCLUSIVE
+    assert len(lines) == 4
+    assert "the same result at load[0].factor = 0.5 and 1" in lines[0]
+    lines, verdict = sends(lambda run: run_of(min(run.values[0], 1.0), run.strain))
+    assert verdict is Verdict.INCONCLUSIVE
+    assert len(lines) == 2
+    assert all("load[0].factor = 1 and 2" in line for line in lines)
+    lines, verdict = sends(lambda run: run_of(run.values[0], Strain.GREEN))
+    assert verdict is Verdict.INCONCLUSIVE
+    assert len(lines) == 3
+    assert all("linear and Green strain have the same result" in line for line in lines)
+
+
+# Somebody's program: an adapter, for another problem than it is asked for.
+WRAPPED = """
+import json, runpy, sys
+from pathlib import Path
+import numpy as np
+case = Path(sys.argv[1])
+given, rest = json.loads((case / "case.json").read_text()), dict(np.load(case / "rest.npz"))
+load = np.abs(rest["external_force"].sum(axis=0)).max()
+{change}
+(case / "case.json").write_text(json.dumps(given))
+np.savez(case / "rest.npz", **rest)
+runpy.run_path({adapter!r}, run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "ignored"),
+    [
+        ("", []),
+        # One load whatever is asked for; none beyond some load; one strain measure for both.
+        ("rest['external_force'] *= 20.0 / load",
+         ["load[0].factor = 0.5 and 1", "load[0].factor = 1 and 2"]),
+        ("rest['external_force'] *= min(1.0, 60.0 / load)",
+         ["load[0].factor = 1 and 2"]),
+        ("given['strain'] = 'linear'", ["the strain measure at load[0].factor = 1"]),
+    ],
+)  # fmt: skip
+def test_another_simulator_that_ignores_what_it_is_asked_for_fails(
+    tmp_path: Path, write_case: Callable[..., Path], change: str, ignored: list[str]
+) -> None:
+    adapter = Path(adapters.__file__).parent / "numpy_dense.py"
+    text = WRAPPED.format(change=change, adapter=str(adapter))
+    (tmp_path / "wrapped.py").write_text(text, "utf-8")
+    program = OutsideSimulator(f"{sys.executable} {tmp_path / 'wrapped.py'} {{case}} {{result}}")
+    case = load_case(write_case())
+    axes = [read_axis("load[0].factor=0.5,1,2", case)]
+    simulators = [Simulator.FASTSIM, program]
+    runs = run_all(axes, variants(case, axes), simulators, progress=silent)
+    lines = ignored_by(axes, runs)
+    for words in ignored:
+        assert any(words in line and "wrapped (simulator)" in line for line in lines), lines
+    assert bool(lines) == bool(ignored)
+
+
+def test_a_value_without_effect_is_said(write_case: Callable[..., Path]) -> None:
+    weight = ("poissons_ratio = 0.3", "poissons_ratio = 0.3\ndensity = 1000.0")
+    case = load_case(write_case(weight))
+    axes = [read_axis("material.density=900,1000", case)]
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=silent)
+    assert all("it has no effect on this case" in line for line in sames_of(axes, runs))
+    assert len(sames_of(axes, runs)) == 2
+    assert finding_on_sames(axes, runs) == []  # no load varies
 
 
 def test_a_sweep_leaves_a_table_vector_figures_and_a_page(
