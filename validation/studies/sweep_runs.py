@@ -355,8 +355,7 @@ def solve_row(
 
     All of it is plain data, which another machine can have.
     """
-    is_outside = isinstance(simulator, OutsideSimulator)
-    name = name_of(simulator) if is_outside else simulator
+    name = name_of(simulator) if isinstance(simulator, OutsideSimulator) else simulator
     runs: list[Run] = []
     end = ""
 
