@@ -32,7 +32,7 @@ def import_model(path: Path, target: Path, units: UnitSystem | None = None) -> I
     Args:
         path: .feb, .inp, or .xml (MuJoCo).
         target: The case file to be; its mesh goes beside it, with the ending .msh.
-        units: Units of the file, which does not state them.
+        units: Units of the file; of FEBio's files some state them.
 
     Returns:
         What was written, with what a reader has to know, and what was left out.
@@ -47,6 +47,13 @@ def import_model(path: Path, target: Path, units: UnitSystem | None = None) -> I
     if reader is None:
         raise InputError(f"{path}: unknown kind of model; use {', '.join(_READERS)}")
     model = reader(path)
+    if model.units is not None:
+        stated, source = model.units
+        if units not in (None, stated):
+            raise source.refuse(
+                f"the file says {stated}, --units says {units}: take one of them out"
+            )
+        units = stated
     if units is None:
         raise InputError(_ask_for_units(model))
     imported = as_case(model, units, target)

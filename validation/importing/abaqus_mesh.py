@@ -7,9 +7,9 @@ faces, are cut into tetrahedra and triangles.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,13 @@ from palpate.meshes.untrusted import open_plain
 from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import (
     FACES,
-    ImportRefusedError,
     Source,
     cut_cell,
     cut_face,
     finite,
     whole,
 )
+from palpate.validation.importing.understood import DATA, Statement
 
 # Most bytes of all files together.
 MOST_BYTES = 256 * 1024**2
@@ -33,64 +33,39 @@ _DEEPEST = 8
 _MOST_FILES = 100
 # Most numbers that all sets, surfaces and loads name together: a gigabyte.
 _MOST_NAMED = 10_000_000
+# A data line has as many, and CalculiX reads so much of a number: splitline.f, f20.0.
+_MOST_FIELDS, _MOST_DIGITS = 16, 20
 _PARTS = re.compile(r'\s*("[^"]*"|[^,]*)\s*(?:,|$)')
-# The parameters of each keyword that are read, or that change no mechanics.
-_PARAMETERS = {
-    "INCLUDE": ("INPUT",),
-    "NODE": ("NSET", "SYSTEM"),
-    "ELEMENT": ("TYPE", "ELSET"),
-    "NSET": ("NSET", "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL"),
-    "ELSET": ("ELSET", "GENERATE", "UNSORTED", "INSTANCE", "INTERNAL"),
-    "SURFACE": ("NAME", "TYPE", "INTERNAL"),
-    "MATERIAL": ("NAME",),
-    "ELASTIC": ("TYPE",),
-    "DENSITY": (),
-    "SOLID SECTION": ("ELSET", "MATERIAL", "CONTROLS"),
-    "AMPLITUDE": ("NAME", "TIME", "VALUE", "DEFINITION", "SMOOTH"),
-    "STEP": (
-        "NLGEOM", "INC", "INCF", "NAME", "AMPLITUDE", "UNSYMM", "EXTRAPOLATION", "SOLVER",
-        "CONVERT SDI",
-    ),
-    "STATIC": ("SOLVER", "DIRECT", "TIME RESET", "TOTAL TIME AT START"),
-    "BOUNDARY": ("OP", "AMPLITUDE", "TYPE", "FIXED", "LOAD CASE"),
-    "CLOAD": ("OP", "AMPLITUDE", "LOAD CASE"),
-    "DLOAD": ("OP", "AMPLITUDE", "LOAD CASE"),
-    "DSLOAD": ("OP", "AMPLITUDE"),
-}  # fmt: skip
 
 
-@dataclass(eq=False)
-class Card:
+class Card(Statement):
     """A keyword in capitals without its star, parameters by capital names, and lines of fields."""
 
-    keyword: str
-    parameters: dict[str, str]
-    source: Source
-    lines: list[tuple[Source, list[str]]] = field(default_factory=list)
+    __slots__ = ("keyword", "lines")
 
-    def refuse(self, reason: str) -> ImportRefusedError:
-        """The error that names its line."""
-        return self.source.refuse(reason)
+    def __init__(self, keyword: str, parameters: dict[str, str], source: Source) -> None:
+        super().__init__(source.path, source.line, parameters)
+        self.keyword = keyword
+        self.lines: list[tuple[Source, list[str]]] = []
 
-    def require(self, name: str) -> str:
-        """A parameter that has to be there, in capitals."""
-        if not self.parameters.get(name):
-            raise self.refuse(f"*{self.keyword} needs the parameter {name}=...")
-        return self.parameters[name].upper()
+    @property
+    def name(self) -> str:
+        """Its keyword."""
+        return self.keyword
 
-    def require_usual(self, name: str, *usual: str, reason: str) -> None:
-        """Refuse a parameter that is there with another value than these."""
-        if self.parameters.get(name, usual[0]).upper() not in usual:
-            raise self.refuse(f"*{self.keyword}, {name}: {reason}")
+    def shown(self, value: str = "") -> str:
+        """*KEYWORD, or one of its parameters."""
+        return f"*{self.keyword[:40]}" + (f": parameter {value[:40]}" if value else "")
 
-    def numbers(self) -> list[float]:
-        """All fields of its data lines as numbers; empty ones are left out."""
-        return [
-            finite(text, source, f"*{self.keyword}")
-            for source, fields in self.lines
-            for text in fields
-            if text
-        ]
+    def refuse_data(self) -> None:
+        """Refuse data lines that nobody asked for; empty ones say nothing."""
+        for source, fields in self.lines:
+            if any(fields):
+                raise source.refuse(f"*{self.keyword}: data that are not known here")
+
+    def label(self, parameter: str) -> str:
+        """A parameter that has to be there, as the name of something."""
+        return name_of(self.require(parameter))
 
     def rows(self, least: int, most: int) -> Iterator[tuple[Source, list[str]]]:
         """Its data lines, each with so many fields; empty ones at the end are left out.
@@ -98,6 +73,7 @@ class Card:
         Raises:
             ImportRefusedError: A line of another length.
         """
+        self.mark(DATA)
         for source, fields in self.lines:
             while len(fields) > 1 and not fields[-1]:
                 fields = fields[:-1]
@@ -106,6 +82,11 @@ class Card:
                     f"*{self.keyword}: {len(fields)} field(s) in a line, needs {least} to {most}"
                 )
             yield source, fields
+
+    def numbers(self, least: int, most: int) -> Iterator[tuple[Source, list[float]]]:
+        """The same as numbers, none of them left out."""
+        for source, fields in self.rows(least, most):
+            yield source, [number(text, source, f"*{self.keyword}") for text in fields]
 
 
 def read_cards(path: Path) -> list[Card]:
@@ -131,33 +112,36 @@ class _Reader:
         self.left -= len(data)
         if b"\x00" in data:
             raise FileFormatError(path, "is no text (it holds a zero byte)")
-        lines = data.decode("latin-1").splitlines()
-        number = 0
-        while number < len(lines):
-            start = number + 1
-            line = lines[number].strip()
-            number += 1
+        # Nothing else ends a line: Python's splitlines would end a comment at an ellipsis too.
+        lines = [line.rstrip("\r") for line in data.decode("latin-1").split("\n")]
+        for number, text in enumerate(lines, 1):
+            line = text.strip()
             if not line or line.startswith("**"):
                 continue
             if not line.startswith("*"):
-                self._data(path, start, line)
+                self._data(path, number, line)
                 continue
-            while line.endswith(",") and number < len(lines):
-                line += lines[number].strip()
-                number += 1
-            card = _card(line, Source(path, start))
+            card = _card(line, Source(path, number))
+            if line.endswith(","):
+                raise card.refuse(
+                    f"{card.shown()} ends with a comma: for Abaqus it goes on in the next line, "
+                    "for CalculiX it does not; write it in one line"
+                )
             if card.keyword != "INCLUDE":
                 self.cards.append(card)
                 continue
             if depth >= _DEEPEST or self.num_files >= _MOST_FILES:
                 raise card.refuse("*INCLUDE: files include files without end")
-            card.require("INPUT")
-            self.read(inside_folder(self.folder, card.parameters["INPUT"]), depth + 1)
+            included = inside_folder(self.folder, card.require("INPUT").strip('"'))
+            card.refuse_rest(frozenset())
+            self.read(included, depth + 1)
 
     def _data(self, path: Path, number: int, line: str) -> None:
         if not self.cards:
             raise Source(path, number).refuse(f"data before any keyword: {line[:40]!r}")
         fields = [text.strip() for text in line.split(",")]
+        if len(fields) > _MOST_FIELDS and self.cards[-1].keyword != "HEADING":
+            raise Source(path, number).refuse(f"more than {_MOST_FIELDS} fields in a line")
         self.cards[-1].lines.append((Source(path, number), fields))
 
 
@@ -169,28 +153,43 @@ def _card(line: str, source: Source) -> Card:
     parameters = {}
     for word in words[1:]:
         name, _, value = word.partition("=")
-        if name.strip():
-            parameters[name.strip().upper()] = value.strip().strip('"')
-    known = _PARAMETERS.get(keyword, parameters)
-    for name in parameters:
-        if name not in known:
-            raise source.refuse(
-                f"*{keyword}: parameter {name[:40]} is not known here (known: "
-                f"{', '.join(known) or 'none'})"
-            )
+        key = " ".join(name.upper().split())
+        if key in parameters:
+            raise source.refuse(f"*{keyword[:40]}: parameter {key[:40]} is there twice")
+        if key:
+            parameters[key] = value.strip()
     return Card(keyword, parameters, source)
 
 
-def label_of(text: str, source: Source, what: str) -> int | str:
-    """A number of a node or cell, or the name of a set in capitals, without its instance."""
-    word = text.strip().strip('"')
-    if not word:
-        raise source.refuse(f"{what}: an empty field")
-    if word.lstrip("+-").isdigit():
-        return whole(word, source, what)
-    return word.upper().rpartition(".")[2] or word.upper()
+def name_of(text: str) -> str:
+    """A name as the programs compare it: in capitals without spaces, or as it is between quotes."""
+    word = text.strip()
+    return word.strip('"') if word.startswith('"') else "".join(word.upper().split())
 
 
+def number(text: str, source: Source, what: str) -> float:
+    """A number, also one written by Fortran (1.5D-3).
+
+    Raises:
+        ImportRefusedError: No number, or one whose value stands beyond 20 characters, which is as
+            far as CalculiX reads ("f20.0" in its sources): 1.2345678901234567890e-3 is 1.23 there.
+    """
+    word = text.strip().replace("D", "E").replace("d", "e")
+    value = finite(word, source, what)
+    if len(word) > _MOST_DIGITS:
+        try:
+            is_same = abs(float(word[:_MOST_DIGITS]) - value) <= 1e-12 * abs(value)
+        except ValueError:
+            is_same = False
+        if not is_same:
+            raise source.refuse(
+                f"{what}: {word[:40]!r} is longer than the {_MOST_DIGITS} characters that CalculiX "
+                "reads, and another number there"
+            )
+    return value
+
+
+_Found = TypeVar("_Found")
 # Element types by nodes; hybrid and modified ones differ in how they solve, not in what.
 _TYPES = {
     "C3D4": 4, "C3D4H": 4, "C3D10": 10, "C3D10H": 10, "C3D10M": 10, "C3D10MH": 10, "C3D10HS": 10,
@@ -208,7 +207,7 @@ class AbaqusMesh:
         kinds: Of each type of element how many there are.
     """
 
-    def __init__(self, cards: Iterable[Card]) -> None:
+    def __init__(self, cards: Sequence[Card]) -> None:
         self.nodes: dict[int, tuple[float, float, float]] = {}
         self.cells: dict[int, list[int]] = {}
         self.node_sets: dict[str, list[int]] = {}
@@ -216,6 +215,9 @@ class AbaqusMesh:
         self.surfaces: dict[str, list[tuple[int, int]]] = {}
         self.kinds: dict[str, int] = {}
         self._num_named = 0
+        # Sets that others were made of, and the part's name in its assembly.
+        self._taken: set[tuple[str, str]] = set()
+        self.instance = next((c.label("NAME") for c in cards if c.keyword == "INSTANCE"), "")
         readers = {
             "NODE": self._node,
             "ELEMENT": self._element,
@@ -223,9 +225,10 @@ class AbaqusMesh:
             "ELSET": self._set,
             "SURFACE": self._surface,
         }
-        for card in cards:
-            if card.keyword in readers:
-                readers[card.keyword](card)
+        # In CalculiX' order (keystart.f), wherever they stand: all nodes, then all elements, ...
+        for keyword, read in readers.items():
+            for card in (card for card in cards if card.keyword == keyword):
+                read(card)
         self.row_of = {label: row for row, label in enumerate(self.nodes)}
         self._rows_of: dict[int, range] = {}
         self.tetrahedra: list[tuple[int, ...]] = []
@@ -253,20 +256,21 @@ class AbaqusMesh:
             "SYSTEM", "R", reason="coordinates in another system; write them in x, y, z"
         )
         new = []
-        for source, fields in card.rows(1, 7):
+        for source, fields in card.rows(1, 4):
             label = whole(fields[0], source, "*NODE")
             # What is left out is 0.
             given = [*fields[1:4], "", "", ""][:3]
-            x, y, z = (finite(text or "0", source, "*NODE") for text in given)
+            x, y, z = (number(text or "0", source, "*NODE") for text in given)
             if self.nodes.setdefault(label, (x, y, z)) != (x, y, z):
                 raise source.refuse(f"node {label} is there twice, at different positions")
             new.append(label)
-        if "NSET" in card.parameters:
-            name = card.require("NSET")
+        if card.get("NSET") is not None:
+            name = card.label("NSET")
             self.node_sets[name] = list(dict.fromkeys([*self.node_sets.get(name, []), *new]))
 
     def _element(self, card: Card) -> None:
-        kind = card.require("TYPE")
+        card.mark(DATA)
+        kind = card.label("TYPE")
         if kind not in _TYPES:
             raise card.refuse(
                 f"*ELEMENT, TYPE={kind[:20]}: a case has tetrahedra: C3D4 and C3D10, and C3D8, "
@@ -276,8 +280,9 @@ class AbaqusMesh:
         # A cell of ten nodes may go on in the next line.
         words: list[str] = []
         for source, fields in card.lines:
-            words += [text for text in fields if text]
-            if len(words) < 1 + count and not fields[-1]:
+            goes_on = not fields[-1]
+            words += fields[:-1] if goes_on else fields
+            if len(words) < 1 + count and goes_on:
                 continue
             if len(words) != 1 + count:
                 raise source.refuse(f"an element of type {kind} needs {count} nodes")
@@ -293,25 +298,34 @@ class AbaqusMesh:
         if words:
             raise card.refuse("an element is cut off")
         self.kinds[kind] = self.kinds.get(kind, 0) + len(new)
-        if "ELSET" in card.parameters:
-            self.cell_sets.setdefault(card.require("ELSET"), []).extend(new)
+        if card.get("ELSET") is not None:
+            self.cell_sets.setdefault(card.label("ELSET"), []).extend(new)
 
     def _set(self, card: Card) -> None:
         is_of_nodes = card.keyword == "NSET"
         sets = self.node_sets if is_of_nodes else self.cell_sets
         known: Collection[int] = self.nodes if is_of_nodes else self.cells
-        name = card.require(card.keyword)
+        name = card.label(card.keyword)
+        if name_of(card.word("INSTANCE", self.instance)) != self.instance:
+            raise card.refuse(f"no part {card.word('INSTANCE')[:40]} in the assembly")
+        if (card.keyword, name) in self._taken:
+            raise card.refuse(
+                f"set {name[:40]} grows after another was made of it; programs differ in what that "
+                "one has: put this above"
+            )
+        card.mark(DATA)
+        is_range = card.get("GENERATE") is not None
         found = dict.fromkeys(sets.get(name, []))
         for source, fields in card.lines:
-            if "GENERATE" in card.parameters:
+            if is_range:
                 all_of = _generated(source, fields, f"*{card.keyword}", len(known))
                 found.update(dict.fromkeys(self._counted(all_of, source)))
                 continue
             for text in fields:
                 if not text:
                     continue
-                label = label_of(text, source, f"*{card.keyword}")
-                labels = [label] if isinstance(label, int) else _of(sets, label, source)
+                labels = self._labels(text, source, f"*{card.keyword}", sets)
+                self._taken.add((card.keyword, name_of(text).removeprefix(f"{self.instance}.")))
                 found.update(dict.fromkeys(self._counted(labels, source)))
         for label in found:
             if label not in known:
@@ -329,7 +343,7 @@ class AbaqusMesh:
         return labels
 
     def _surface(self, card: Card) -> None:
-        name = card.require("NAME")
+        name = card.label("NAME")
         card.require_usual("TYPE", "ELEMENT", reason="points have no area; give faces of elements")
         if name in self.surfaces:
             raise card.refuse(f"surface {name} is there twice")
@@ -360,13 +374,46 @@ class AbaqusMesh:
 
     def cells_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a cell or a set of them."""
-        labels = _named(text, source, "element", self.cells, self.cell_sets)
+        labels = self._labels(text, source, "element", self.cell_sets, self.cells)
         return list(self._counted(labels, source))
 
     def nodes_of(self, text: str, source: Source) -> list[int]:
         """Numbers of a node or a set of them."""
-        labels = _named(text, source, "node", self.nodes, self.node_sets)
+        labels = self._labels(text, source, "node", self.node_sets, self.nodes)
         return list(self._counted(labels, source))
+
+    def _labels(
+        self,
+        text: str,
+        source: Source,
+        what: str,
+        sets: dict[str, list[int]],
+        known: Collection[int] | None = None,
+    ) -> list[int]:
+        """One number, which has to be known where that is asked for, or those of a set."""
+        word = name_of(text)
+        if not word:
+            raise source.refuse(f"{what}: an empty field")
+        if word.lstrip("+-").isdigit():
+            label = whole(word, source, what)
+            if known is not None and label not in known:
+                raise source.refuse(f"no {what} {label}")
+            return [label]
+        return self.named(sets, text, source, "set")
+
+    def named(self, among: dict[str, _Found], text: str, source: Source, what: str) -> _Found:
+        """A set or a surface by its name, before which its part's may stand.
+
+        Raises:
+            ImportRefusedError: There is none.
+        """
+        name = name_of(text)
+        if name not in among and self.instance:
+            name = name.removeprefix(f"{self.instance}.")
+        if name not in among:
+            known = ", ".join(list(among)[:8]) or "none"
+            raise source.refuse(f"no {what} {name[:40]!r} (known: {known})")
+        return among[name]
 
     def facets(self, faces: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Faces of cells as rows of corner nodes, seen from outside counter-clockwise."""
@@ -385,24 +432,6 @@ class AbaqusMesh:
             np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4),
             np.array(middles, dtype=np.int64).reshape(-1, 6),
         )
-
-
-def _named(
-    text: str, source: Source, what: str, known: Collection[int], sets: dict[str, list[int]]
-) -> list[int]:
-    label = label_of(text, source, f"{what} or set")
-    if isinstance(label, str):
-        return _of(sets, label, source)
-    if label not in known:
-        raise source.refuse(f"no {what} {label}")
-    return [label]
-
-
-def _of(sets: dict[str, list[int]], name: str, source: Source) -> list[int]:
-    if name not in sets:
-        known = ", ".join(list(sets)[:8]) or "none"
-        raise source.refuse(f"no set {name[:40]!r} (known: {known})")
-    return sets[name]
 
 
 def _generated(source: Source, fields: list[str], what: str, most: int) -> range:

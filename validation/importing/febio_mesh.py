@@ -16,9 +16,6 @@ Rows = NDArray[np.int64]
 # Nodes of each kind of element.
 _CELLS = {"tet4": 4, "tet10": 10, "hex8": 8, "penta6": 6, "pyra5": 5}
 _FACETS = {"tri3": 3, "tri6": 6, "quad4": 4}
-_LISTED = (
-    "Nodes", "Elements", "NodeSet", "Surface", "ElementSet", "PartList", "SurfacePair", "Part",
-)  # fmt: skip
 
 
 class FebioMesh:
@@ -37,12 +34,8 @@ class FebioMesh:
         self.node_sets: dict[str, Rows] = {}
         self.surfaces: dict[str, Rows] = {}
         parts = [*sections.get("Geometry", []), *sections.get("Mesh", [])]
-        for part in parts:
-            part.only(*_LISTED)
-        children = [child for part in parts for child in part]
-        for child in children:
-            if child.tag == "Part":
-                raise child.refuse("<Part>: a mesh of instances; write it out as one mesh")
+        listed = ("Nodes", "Elements", "NodeSet", "Surface")
+        children = [child for part in parts for child in part.each(*listed)]
         self.labels, self.nodes = self._nodes([c for c in children if c.tag == "Nodes"])
         self._row_of = {label: row for row, label in enumerate(self.labels.tolist())}
         blocks = [child for child in children if child.tag == "Elements"]
@@ -62,7 +55,7 @@ class FebioMesh:
 
     def nodes_of(self, element: Element) -> Rows:
         """The nodes that an element's `node_set` names."""
-        name = element.attributes.get("node_set", element.attributes.get("set"))
+        name = element.get("node_set") or element.get("set")
         if name is None:
             raise element.refuse(f"<{element.tag}> needs the attribute node_set")
         if name in self.node_sets:
@@ -84,11 +77,10 @@ class FebioMesh:
         points: list[tuple[float, float, float]] = []
         for block in blocks:
             first = len(labels)
-            block.only("node")
-            for node in block:
+            for node in block.each("node"):
                 labels.append(node.id())
                 points.append(node.vector())
-            if "name" in block.attributes:
+            if block.get("name") is not None:
                 _add(block, self.node_sets, np.arange(first, len(labels)))
         if len(set(labels)) < len(labels):
             raise blocks[-1].refuse("a node's id is there twice")
@@ -111,11 +103,13 @@ class FebioMesh:
                 f"elements of type {kind[:20]!r}; a case has tetrahedra: tet4 and tet10, and hex8, "
                 "penta6 and pyra5, which can be cut into them"
             )
-        block.only("elem", "e")
-        listed = [self._rows(element, element.wholes(), _CELLS[kind]) for element in block]
+        listed = [
+            self._rows(element, element.wholes(), _CELLS[kind])
+            for element in block.each("elem", "e")
+        ]
         cells = np.array(listed, dtype=np.int64).reshape(-1, _CELLS[kind])
         if not kind.startswith("tet"):
-            name = block.attributes.get("name", f"at line {block.line}")
+            name = block.values.get("name", f"at line {block.line}")
             cells = cut_cells(cells)
             self.notes.append(
                 f"{len(listed)} cells of type {kind} ({name}) are cut into {len(cells)} "
@@ -127,28 +121,22 @@ class FebioMesh:
         """Format 4.0 lists numbers; the others have an element a node."""
         rows = self._rows(element, element.wholes())
         listed: set[str] = set()
-        for child in element:
-            match child.tag:
-                case "node" | "n":
-                    rows += self._rows(child, [child.id()])
-                case "node_set" if (
-                    name := child.attributes.get("node_set", child.text)
-                ) in self.node_sets:
-                    if name in listed:
-                        raise child.refuse(f"<NodeSet> lists {name[:60]!r} twice")
-                    listed.add(name)
-                    rows += self.node_sets[name].tolist()
-                case _:
-                    raise child.refuse(f"<{child.tag}> in <NodeSet> is not known here")
+        for child in element.each("node", "n"):
+            rows += self._rows(child, [child.id()])
+        for child in element.each("node_set"):
+            name = child.get("node_set") or child.text
+            if name not in self.node_sets or name in listed:
+                reason = f"lists {name[:60]!r} twice" if name in listed else f"no {name[:60]!r} yet"
+                raise child.refuse(f"<NodeSet> {reason}")
+            listed.add(name)
+            rows += self.node_sets[name].tolist()
         if not rows:
             raise element.refuse("a node set without nodes")
         return np.unique(np.array(rows, dtype=np.int64))
 
     def _surface(self, element: Element) -> Rows:
         rows: list[list[int]] = []
-        for facet in element:
-            if facet.tag not in _FACETS:
-                raise facet.refuse(f"<{facet.tag}> in <Surface>; known are {', '.join(_FACETS)}")
+        for facet in element.each(*_FACETS):
             found = self._rows(facet, facet.wholes(), _FACETS[facet.tag])
             rows += [found] if len(found) == 6 else [[*t, *t] for t in cut_face(found)]
         if not rows:
@@ -157,7 +145,7 @@ class FebioMesh:
 
 
 def _add(element: Element, sets: dict[str, Rows], rows: Rows) -> None:
-    name = element.attributes.get("name", "")
+    name = element.word("name")
     if name in sets:
         raise element.refuse(f"<{element.tag}> {name[:60]!r} is there twice")
     sets[name] = rows
@@ -171,14 +159,11 @@ def _materials_of(
         return [(block, block.require("mat")) for block in blocks]
     domains: dict[str, Element] = {}
     for section in sections.get("MeshDomains", []):
-        for domain in section:
-            if domain.tag != "SolidDomain":
-                raise domain.refuse(f"<{domain.tag}> in <MeshDomains>; a case is of solids")
-            domains[domain.require("name")] = domain
+        for domain in section.each("SolidDomain"):
+            if domains.setdefault(domain.require("name"), domain) is not domain:
+                raise domain.refuse(f"a second domain of {domain.word('name')[:60]!r}")
     for block in blocks:
         if block.require("name") not in domains:
-            raise block.refuse(
-                f"no <SolidDomain> for the elements {block.attributes['name'][:60]!r}"
-            )
-    found = [domains[block.attributes["name"]] for block in blocks]
+            raise block.refuse(f"no <SolidDomain> for the elements {block.word('name')[:60]!r}")
+    found = [domains[block.word("name")] for block in blocks]
     return [(domain, domain.require("mat")) for domain in found]

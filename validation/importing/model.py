@@ -96,6 +96,7 @@ class Model:
         body_force: Force by volume, where the file gives it so.
         notes: What a reader has to know: what was read into something else than it says.
         ignored: What was left out because it changes no mechanics, with its line.
+        units: The system that the file states, and where.
     """
 
     path: Path
@@ -115,6 +116,7 @@ class Model:
     body_force: tuple[float, float, float] | None = None
     notes: list[str] = field(default_factory=list)
     ignored: list[str] = field(default_factory=list)
+    units: tuple[UnitSystem, Source] | None = None
 
     def __post_init__(self) -> None:
         if not len(self.forces):
@@ -136,13 +138,13 @@ def added(
 
 
 def finite(text: str, source: Source, what: str) -> float:
-    """A number, also one written by Fortran (1.5D-3).
+    """A number.
 
     Raises:
         ImportRefusedError: No number, or one that is not finite.
     """
     try:
-        value = float(text.strip().replace("D", "E").replace("d", "e"))
+        value = float(text if text.isascii() else "none")
     except ValueError:
         value = float("nan")
     if not np.isfinite(value) or abs(value) > 1e100 or "_" in text:
@@ -154,11 +156,11 @@ def whole(text: str, source: Source, what: str) -> int:
     """A whole number.
 
     Raises:
-        ImportRefusedError: No whole number, or one beyond 18 digits.
+        ImportRefusedError: No whole number, or one beyond 10 digits.
     """
     word = text.strip()
     digits = word.removeprefix("+").removeprefix("-")
-    if not (digits.isascii() and digits.isdigit() and len(digits) <= 18):
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 10):
         raise source.refuse(f"{what}: {word[:40]!r} is no whole number")
     return int(word)
 

@@ -20,18 +20,12 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.geometry import inside_folder
 from palpate.validation.importing.model import Body, FixedNodes, ImportRefusedError, Model
-from palpate.validation.importing.xml_tree import Element, read_xml
+from palpate.validation.importing.understood import harmless, left_out
+from palpate.validation.importing.xml_tree import Element, PlainElement, read_xml
 
-# Parts of a model that no equilibrium depends on: how it is made, looks and is solved.
-_HARMLESS = ("compiler", "size", "visual", "statistic", "asset", "default", "custom", "sensor")
-_FORCEFUL = ("actuator", "equality", "tendon", "contact", "extension", "keyframe", "include")
 _OPEN = "write the model out with mj_saveLastXML, which lists every point, and import that"
-# Attributes of a flexcomp that say where its points are; those that are there change them.
+# Attributes of a flexcomp that change where its points are.
 _MOVED = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "scale", "origin", "rigid")
-_LOOKS = (
-    "name", "type", "dim", "point", "element", "file", "mass", "pos", "radius", "rgba", "material",
-    "group", "flatskin", "inertiabox", "texcoord", "dof", "count", "spacing",
-)  # fmt: skip
 
 
 def read_mujoco(path: Path) -> Model:
@@ -41,28 +35,13 @@ def read_mujoco(path: Path) -> Model:
         ImportRefusedError: What a case cannot say, with its line.
         FileFormatError: A file that cannot be opened.
     """
-    root = read_xml(path)
+    root = read_xml(path, PlainElement)
     if root.tag != "mujoco":
         raise root.refuse(f"<{root.tag}> is no MuJoCo model; that begins with <mujoco>")
-    ignored: list[str] = []
-    gravity = (0.0, 0.0, -9.81)
-    in_world: list[Element] = []
-    flexes: list[Element] = []
-    for section in root:
-        if section.tag in _FORCEFUL:
-            if section.children or section.tag == "include":
-                raise section.refuse(f"<{section.tag}>: it acts on the body in ways no case knows")
-        elif section.tag == "worldbody":
-            in_world += section
-        elif section.tag == "deformable":
-            flexes += section
-        elif section.tag == "option":
-            gravity = _gravity(section, gravity)
-            ignored.append(f"line {section.line} <option>: how MuJoCo steps in time")
-        elif section.tag in _HARMLESS:
-            ignored.append(f"line {section.line} <{section.tag}>")
-        else:
-            raise section.refuse(f"<{section.tag}> is not known here")
+    root.mark()
+    in_world = [child for world in root.each("worldbody") for child in world.children]
+    flexes = [flex for section in root.each("deformable") for flex in section.each("flex")]
+    gravity, has_contact = _options(root.child("option"))
     flex, bodies = _only_flex(root, in_world, flexes)
     if flexes:
         points, is_pinned, mass = written_out(flex, bodies)
@@ -82,21 +61,26 @@ def read_mujoco(path: Path) -> Model:
         points,
         cells,
         np.full((len(cells), 6), -1),
-        [Body(_constants(flex, ignored), mass / volume, flex.source)],
+        [Body(_constants(flex), mass / volume, flex.source)],
         np.zeros(len(cells), dtype=np.int64),
         np.arange(len(points)),
         acceleration=gravity if any(gravity) else None,
         notes=["MuJoCo solves motion: the case asks for the state of rest under its loads"],
-        ignored=ignored,
     )
+    contact = flex.child("contact")
+    if (contact is None or contact.word("selfcollide", "auto") != "none") and has_contact:
+        model.notes.append("the body may pass through itself in the case, in MuJoCo it may not")
     if is_pinned.any():
         still = dict.fromkeys(range(3), 0.0)
         model.supports.append(FixedNodes("pinned", np.flatnonzero(is_pinned), still, flex.source))
     if model.acceleration is not None:
+        if len(np.unique(cells)) < len(points):
+            raise flex.refuse("a point of no element, which has its share of the mass; take it out")
         model.notes.append(
             "a flex spreads its mass evenly over its points, the case by volume over its cells: "
             "the weight is the same in all, not at each point"
         )
+    model.ignored += left_out([root], harmless("mujoco"))
     return model
 
 
@@ -104,39 +88,29 @@ def _only_flex(
     root: Element, in_world: list[Element], flexes: list[Element]
 ) -> tuple[Element, list[Element]]:
     """The one solid flex, and the bodies of the world; nothing else may touch it."""
-    for child in in_world:
-        if child.tag not in ("flexcomp", "body", "light", "camera", "site"):
-            raise child.refuse(f"<{child.tag}> beside the flex: it may touch it; take it out")
     found = [*(child for child in in_world if child.tag == "flexcomp"), *flexes]
     bodies = [child for child in in_world if child.tag == "body"]
     if len(found) != 1:
         raise (found[1] if found else root).refuse(
             f"{len(found)} flexes; a case has one body of tetrahedra"
         )
-    if found[0].attributes.get("dim", "2") != "3":
+    for element in (*found, *bodies):
+        element.mark()
+    if found[0].word("dim", "2") != "3":
         raise found[0].refuse("a flex that is no solid; a case has one of dim 3")
     if bodies and not flexes:
         raise bodies[0].refuse("<body> beside the flexcomp: it may touch or fix it; take it out")
     return found[0], bodies
 
 
-def _constants(flex: Element, ignored: list[str]) -> dict[str, float | str]:
-    for child in flex:
-        if child.tag == "contact":
-            # Alone in the world it can only touch itself, which no case knows.
-            ignored.append(f"line {child.line} <contact>: of the body with itself")
-        elif child.tag == "edge":
-            stiff = _number(child, "stiffness", 0.0)
-            if stiff or child.attributes.get("equality", "false") != "false":
-                raise child.refuse("<edge>: springs or constraints along edges; a case has none")
-        elif child.tag == "plugin":
-            raise child.refuse("<plugin>: forces that only it knows; use <elasticity>")
-        elif child.tag not in ("elasticity", "pin"):
-            raise child.refuse(f"<{child.tag}> in <{flex.tag}> is not known here")
-    elasticity = flex.child("elasticity")
+def _constants(flex: Element) -> dict[str, float | str]:
+    edge, elasticity = flex.child("edge"), flex.child("elasticity")
+    if edge is not None and (
+        _number(edge, "stiffness", 0.0) or edge.word("equality", "false") != "false"
+    ):
+        raise edge.refuse("<edge>: springs or constraints along edges; a case has none")
     if elasticity is None or _number(elasticity, "young", 0.0) <= 0.0:
         raise (elasticity or flex).refuse("<elasticity young=...> above 0 is needed")
-    elasticity.only_attributes("young", "poisson", "damping", "thickness", "elastic2d")
     return {
         "law": str(Law.SAINT_VENANT_KIRCHHOFF),
         "youngs_modulus": _number(elasticity, "young", 0.0),
@@ -148,12 +122,11 @@ def _flexcomp(
     flex: Element, path: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
     for name in _MOVED:
-        if name in flex.attributes:
+        if name in flex.values:
             raise flex.refuse(f"<flexcomp {name}=...>: {_OPEN}")
-    flex.only_attributes(*_LOOKS)
-    if flex.attributes.get("dof", "full") != "full":
+    if flex.word("dof", "full") != "full":
         raise flex.refuse("<flexcomp dof=...>: not every point moves by itself")
-    kind = flex.attributes.get("type", "grid")
+    kind = flex.word("type", "grid")
     if kind == "direct":
         points = np.array(flex.numbers(flex.require("point")), dtype=np.float64)
         if len(points) % 3:
@@ -170,12 +143,10 @@ def _flexcomp(
         points, cells = mesh.points.copy(), mesh.cells.astype(np.int64)
     else:
         raise flex.refuse(f'<flexcomp type="{kind[:20]}">: {_OPEN}')
-    points = points + np.array(flex.vector(flex.attributes.get("pos", "0 0 0")))
+    points = points + np.array(flex.vector(flex.word("pos", "0 0 0")))
     is_pinned = np.zeros(len(points), dtype=bool)
-    for pin in (child for child in flex if child.tag == "pin"):
-        pin.only_attributes("id", "range")
-        numbers = pin.wholes(pin.attributes.get("id", ""))
-        ends = pin.wholes(pin.attributes.get("range", ""))
+    for pin in flex.each("pin"):
+        numbers, ends = pin.wholes(pin.word("id")), pin.wholes(pin.word("range"))
         if len(ends) % 2:
             raise pin.refuse("<pin range=...> needs pairs of first and last")
         for first, last in zip(ends[::2], ends[1::2], strict=True):
@@ -198,18 +169,22 @@ def _cells(flex: Element, num_points: int) -> NDArray[np.int64]:
     return numbers.reshape(-1, 4)
 
 
-def _gravity(option: Element, known: tuple[float, float, float]) -> tuple[float, float, float]:
-    for flag in option:
-        if flag.tag == "flag" and flag.attributes.get("gravity", "enable") == "disable":
-            return (0.0, 0.0, 0.0)
-        if flag.tag == "flag" and flag.attributes.get("passive", "enable") == "disable":
-            raise flag.refuse("passive forces are off: the body has no stiffness")
-    given = option.attributes.get("gravity")
-    return known if given is None else option.vector(given)
+def _options(option: Element | None) -> tuple[tuple[float, float, float], bool]:
+    """Gravity, and whether anything touches anything."""
+    flag = None if option is None else option.child("flag")
+    is_on = {"gravity": True, "contact": True}
+    if flag is not None:
+        for name in is_on:
+            flag.require_usual(name, "enable", "disable", reason="known are enable and disable")
+            is_on[name] = flag.word(name, "enable") == "enable"
+    gravity = (0.0, 0.0, -9.81)
+    if option is not None:
+        gravity = option.vector(option.word("gravity", "0 0 -9.81"))
+    return gravity if is_on["gravity"] else (0.0, 0.0, 0.0), is_on["contact"]
 
 
 def _number(element: Element, name: str, default: float) -> float:
-    found = element.numbers(element.attributes.get(name, repr(default)))
+    found = element.numbers(element.word(name, repr(default)))
     if len(found) != 1:
         raise element.refuse(f"<{element.tag} {name}=...> needs one number")
     return found[0]
@@ -228,17 +203,16 @@ def written_out(
     Raises:
         ImportRefusedError: Bodies that do more than slide along x, y and z.
     """
-    if "node" in flex.attributes:
+    if "node" in flex.values:
         raise flex.refuse("<flex node=...>: points that move by those of a coarser grid")
     positions: dict[str, tuple[float, float, float]] = {}
     masses: dict[str, float] = {}
     for body in bodies:
-        body.only_attributes("name", "pos")
         name = body.require("name")
-        positions[name] = body.vector(body.attributes.get("pos", "0 0 0"))
+        positions[name] = body.vector(body.word("pos", "0 0 0"))
         masses[name] = _mass_of_slider(body)
     names = flex.require("body").split()
-    vertices = np.array(flex.numbers(flex.attributes.get("vertex", "")), dtype=np.float64)
+    vertices = np.array(flex.numbers(flex.word("vertex")), dtype=np.float64)
     if not len(vertices):
         vertices = np.zeros(3 * len(names))
     if len(vertices) != 3 * len(names):
@@ -267,19 +241,15 @@ def written_out(
 
 
 def _mass_of_slider(body: Element) -> float:
-    body.only("inertial", "joint")
-    axes = set()
-    for joint in body:
-        if joint.tag != "joint":
-            continue
-        joint.only_attributes("name", "type", "axis", "damping", "pos")
-        if joint.attributes.get("type") != "slide":
+    axes = []
+    for joint in body.each("joint"):
+        if joint.word("type") != "slide":
             raise joint.refuse("a joint that is no slide")
-        axes.add(joint.vector(joint.attributes.get("axis", "0 0 1")))
-    if axes != _AXES:
+        axes.append(joint.vector(joint.word("axis", "0 0 1")))
+    if len(axes) != 3 or set(axes) != _AXES:
         raise body.refuse("a point of a flex slides along x, y and z")
     inertial = body.child("inertial")
     if inertial is None:
         raise body.refuse("<body> needs <inertial mass=...>")
-    (mass,) = inertial.numbers(inertial.require("mass"))[:1] or (0.0,)
-    return mass
+    inertial.require("mass")
+    return _number(inertial, "mass", 0.0)

@@ -11,7 +11,8 @@ from pathlib import Path
 from xml.parsers import expat
 
 from palpate.meshes.untrusted import open_plain
-from palpate.validation.importing.model import ImportRefusedError, Source, finite, whole
+from palpate.validation.importing.model import ImportRefusedError, finite, whole
+from palpate.validation.importing.understood import DATA, Statement
 
 MOST_BYTES = 128 * 1024**2
 _DEEPEST = 50
@@ -19,28 +20,47 @@ _DEEPEST = 50
 MOST_ELEMENTS = 2_500_000
 
 
-class Element:
+class Element(Statement):
     """A tag with its attributes, its children and the text between them."""
 
-    __slots__ = ("attributes", "children", "line", "parts", "path", "tag")
+    __slots__ = ("children", "parts", "tag")
 
     def __init__(self, path: Path, tag: str, attributes: dict[str, str], line: int) -> None:
-        self.path, self.tag, self.attributes, self.line = path, tag, attributes, line
+        super().__init__(path, line, attributes)
+        self.tag = tag
         self.children: list[Element] = []
         self.parts: list[str] = []
 
     @property
-    def source(self) -> Source:
-        """The element's file and line."""
-        return Source(self.path, self.line)
+    def name(self) -> str:
+        """Its tag."""
+        return self.tag
+
+    def shown(self, value: str = "") -> str:
+        """<tag> or <tag value=...>."""
+        return f"<{self.tag} {value}=...>" if value else f"<{self.tag}>"
+
+    def below(self) -> list[Element]:
+        """Its children."""
+        return self.children
+
+    def refuse_data(self) -> None:
+        """Refuse text that nobody asked for."""
+        if any(part.strip() for part in self.parts):
+            raise self.refuse(f"text in <{self.tag}>, which has none that is known here")
 
     @property
     def text(self) -> str:
         """The element's own text, trimmed."""
+        self.mark(DATA)
         return "".join(self.parts).strip()
 
-    def __iter__(self) -> Iterator[Element]:
-        return iter(self.children)
+    def each(self, *tags: str) -> Iterator[Element]:
+        """Its children of these tags, or all of them, which then count as understood."""
+        for child in self.children:
+            if not tags or child.tag in tags:
+                child.mark()
+                yield child
 
     def child(self, tag: str) -> Element | None:
         """The child of that tag, if there is one.
@@ -48,29 +68,23 @@ class Element:
         Raises:
             ImportRefusedError: There are several.
         """
-        found = [child for child in self if child.tag == tag]
+        found = list(self.each(tag))
         if len(found) > 1:
             raise found[1].refuse(f"<{tag}> is there twice; give it once")
         return found[0] if found else None
 
-    def word(self, tag: str, attribute: str, default: str = "") -> str:
+    def either(self, tag: str, attribute: str, default: str = "") -> str:
         """The text of the child of that tag, or else an attribute, by version of the format."""
         found = self.child(tag)
-        return self.attributes.get(attribute, default) if found is None else found.text
-
-    def require(self, name: str) -> str:
-        """An attribute that has to be there."""
-        if name not in self.attributes:
-            raise self.refuse(f"<{self.tag}> needs the attribute {name}")
-        return self.attributes[name]
+        if found is None:
+            return self.word(attribute, default)
+        if attribute in self.values:
+            raise self.refuse(f"<{self.tag}> has {attribute}=... and <{tag}>; give one")
+        return found.text
 
     def id(self) -> int:
         """The attribute id, a whole number."""
-        return whole(self.require("id"), self.source, f"<{self.tag} id=...>")
-
-    def refuse(self, reason: str) -> ImportRefusedError:
-        """The error that names the element's line."""
-        return self.source.refuse(reason)
+        return whole(self.word("id"), self.source, f"<{self.tag} id=...>")
 
     def _words(self, text: str | None) -> list[str]:
         return (self.text if text is None else text).replace(",", " ").split()
@@ -102,21 +116,17 @@ class Element:
             raise self.refuse(f"<{self.tag}>: needs three numbers, has {len(found)}")
         return found[0], found[1], found[2]
 
-    def only(self, *tags: str) -> None:
-        """Refuse children beside these."""
-        for child in self.children:
-            if child.tag not in tags:
-                known = ", ".join(tags) or "nothing"
-                raise child.refuse(f"<{child.tag}> in <{self.tag}> is not known here ({known} is)")
 
-    def only_attributes(self, *names: str) -> None:
-        """Refuse attributes beside these."""
-        for name in self.attributes:
-            if name not in names:
-                raise self.refuse(f"<{self.tag} {name}=...> is not known here")
+class PlainElement(Element):
+    """One whose numbers are separated by spaces alone: a comma ends them."""
+
+    __slots__ = ()
+
+    def _words(self, text: str | None) -> list[str]:
+        return (self.text if text is None else text).split()
 
 
-def read_xml(path: Path) -> Element:
+def read_xml(path: Path, kind: type[Element] = Element) -> Element:
     """The root of an XML file.
 
     Raises:
@@ -142,7 +152,7 @@ def read_xml(path: Path) -> Element:
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(stack) >= _DEEPEST:
             raise refuse(f"nested more than {_DEEPEST} deep")
-        element = Element(path, tag, attributes, parser.CurrentLineNumber)
+        element = kind(path, tag, attributes, parser.CurrentLineNumber)
         (stack[-1].children if stack else roots).append(element)
         stack.append(element)
 

@@ -23,8 +23,8 @@ def test_a_neo_hookean_bar_under_pressure_and_weight(bring, version):
     assert case.problem.material == material
     assert bars.apart(bars.native(material, *loads), case.problem) < 1e-10
     assert not imported.notes
-    assert len(imported.ignored) == 1
-    assert "<Output>" in imported.ignored[0]
+    left_out = [line.split(" ", 2)[2] for line in imported.ignored]
+    assert left_out == ["<symmetric_stiffness>", "<Output>"]
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -116,11 +116,11 @@ def test_two_materials_are_a_body_and_an_inclusion(bring):
         ("<E>0.1", '<E type="map">0.1', "<E> varies in space or time"),
         ("<E>0.1", "<E>stiff", "'stiff' is no number"),
         ('type="tet4"', 'type="hex20"', "elements of type 'hex20'; a case has tetrahedra"),
-        ("SolidDomain", "ShellDomain", "<ShellDomain> in <MeshDomains>"),
+        ("SolidDomain", "ShellDomain", "no <SolidDomain> for the elements 'Part1'"),
         ('<node id="1">', '<node id="">', "<node id=...>: '' is no whole number"),
         ('mat="Tissue"', 'mat="Bone"', "no material 'Bone' .known: "),
         ("<Loads>", "<Contact><contact/></Contact><Loads>", "<contact> in <Contact>"),
-        ("<Loads>", "<Vibrations/><Loads>", "section <Vibrations> is not known"),
+        ("<Loads>", "<Vibrations/><Loads>", "<Vibrations> in <febio_spec> is not known"),
         ("<Loads>", '<Loads from="x.feb">', "stands in another file"),
         ("<Loads>", '<Step><step id="1"/><step id="2"/></Step><Loads>', "a second step"),
         ('node_set="Held"', 'node_set="Nobody"', "no node set 'Nobody'"),
