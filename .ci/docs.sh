@@ -9,7 +9,8 @@ trap 'rm -rf "$work"' EXIT
 cp -r validation/documentation/. "$work"
 PYTHONPATH="$PWD/validation/documentation${PYTHONPATH:+:$PYTHONPATH}" \
     "$python" -m making "$work"
-"$python" -m sphinx -q -W --keep-going -j auto -c "$work/making" -b html "$work" "$folder"
+"$python" -m sphinx -q -W --keep-going -j auto -d "$work/doctrees" -c "$work/making" -b html \
+    "$work" "$folder"
 # The same list of commands as a man page: palpate.1.
 mkdir "$work/man"
 cp "$work/made/commands.md" "$work/man"
