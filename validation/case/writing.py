@@ -301,7 +301,12 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
     length = float(high[axis] - low[axis])
     centroids = surface.points[surface.facets].mean(axis=1)[:, axis]
     part = next(
-        (p for p in _ENDS if _has_both(centroids, low[axis] + p * length, high[axis] - p * length)),
+        (
+            p
+            for p in _ENDS
+            if (centroids <= low[axis] + p * length).any()
+            and (centroids >= high[axis] - p * length).any()
+        ),
         _ENDS[-1],
     )
     force = _STRETCH * _YOUNGS_MODULUS * STRESS[_STRESS] * abs(surface.volume) / length
@@ -324,10 +329,6 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
         "load": f"GUESS: {where}\nits last {100 * part:.0f} % are pulled outwards, so that it "
         f"becomes about {100 * _STRETCH:.0f} % longer.",
     }
-
-
-def _has_both(positions: Points, first: float, last: float) -> bool:
-    return bool((positions <= first).any() and (positions >= last).any())
 
 
 def _half_space(point: Points, axis: int, sign: float, unit: str) -> dict[str, Any]:

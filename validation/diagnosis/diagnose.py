@@ -100,7 +100,11 @@ def diagnose(
                 apart = None if theirs is None else distance(mine, theirs)
                 result = StaticResult(body, mine[-1], apart)
                 if theirs is None:
-                    tried += _by_balance(result)
+                    # Mistakes of the result, where no reference sees them: undone, it balances.
+                    for name, fixed in plain_hypotheses(result.displacement, problem.mesh.points):
+                        left = StaticResult(body, fixed).stated
+                        by_balance = Explanation(name, Cause.RESULT, left, result.stated, OF_FORCE)
+                        tried.append(by_balance)
                 tried += _statics(result, ask, bool(choose(tried)))
                 if reference is not None:
                     tried += tool_force_hypotheses(candidate, reference)
@@ -168,14 +172,6 @@ def _agreement(result: StaticResult) -> str:
             "equilibrium of the same body"
         )
     return "the stated equations are kept on this mesh"
-
-
-def _by_balance(result: StaticResult) -> Iterator[Explanation]:
-    """Mistakes of the result, where no reference sees them: undone, the body balances."""
-    body = result.body
-    for name, fixed in plain_hypotheses(result.displacement, body.mesh.points):
-        left = StaticResult(body, fixed).stated
-        yield Explanation(name, Cause.RESULT, left, result.stated, OF_FORCE)
 
 
 def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:

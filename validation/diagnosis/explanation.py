@@ -224,7 +224,9 @@ def displacement_words(factor: float) -> str:
 
 def stiffness_words(factor: float) -> str:
     """A factor of the stiffness: in statics the same as one over it of every load."""
-    loads = "every load" + " " + in_words(_known(1.0 / factor)) if factor else ""
+    over = 1.0 / factor if factor else 0.0
+    known = snapped(over)
+    loads = f"every load {in_words(over if known is None else known)}" if factor else ""
     if is_unit(factor):
         size = "small" if factor < 1.0 else "large"
         times = factor if factor > 1.0 else 1.0 / factor
@@ -236,8 +238,3 @@ def stiffness_words(factor: float) -> str:
         }.get(factor, "")
         return f"stiffness {times:.4g} times too {size}{units}, or {loads}"
     return f"stiffness {factor:.6g} times what was asked, or {loads}"
-
-
-def _known(factor: float) -> float:
-    known = snapped(factor)
-    return factor if known is None else known

@@ -120,18 +120,14 @@ _BELOW = 0.25
 def first_eye(result: CaseResult) -> tuple[float, float]:
     """Azimuth and elevation of the first view of a case [rad], on pages and in pictures."""
     mesh, compared = result.problem.mesh, comparisons_of(result)
-    seen = _worst_errors(result, compared[0]) if compared else np.zeros(mesh.num_points)
-    first = result.states[0] if result.states else None
-    moved = mesh.points + (first.displacement if first else 0.0)
-    return choose_camera(moved, mesh.boundary_facets, seen)
-
-
-def _worst_errors(result: CaseResult, compared: Comparison) -> Floats:
-    """The largest error at each point [m], of all compared pairs and all times."""
     moved = [state.displacements for state in result.states]
-    apart = [np.linalg.norm(moved[one] - moved[other], axis=2) for one, other in compared.pairs]
-    worst: Floats = np.concatenate(apart).max(axis=0)
-    return worst
+    # The largest error at each point, of all compared pairs and all times.
+    seen = np.zeros(mesh.num_points)
+    for one, other in compared[0].pairs if compared else ():
+        seen = np.maximum(seen, np.linalg.norm(moved[one] - moved[other], axis=2).max(axis=0))
+    first = result.states[0] if result.states else None
+    shown = mesh.points + (first.displacement if first else 0.0)
+    return choose_camera(shown, mesh.boundary_facets, seen)
 
 
 def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[float, float]:

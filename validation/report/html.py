@@ -158,7 +158,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
             for quantity in dict.fromkeys(b.quantity for b in budgets)
         ],
         "table": state_table(result),
-        "pictures": {name: _data_url(path) for name, path in pictures.items()},
+        "pictures": {name: _data_url(path.read_bytes()) for name, path in pictures.items()},
         "scene": Markup(viewer_json(result)) if result.states else "",
         "looks": [shown.name(result.states) for shown in comparisons_of(result)],
         "plot": _drawn(checks_svg, result),
@@ -209,7 +209,7 @@ def _small(path: Path) -> str:
     cells = pixels[: high * step, : wide * step].reshape(high, step, wide, step, 3)
     data = io.BytesIO()
     image.imsave(data, cells.mean(axis=(1, 3)), format="png")
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+    return _data_url(data.getvalue())
 
 
 def _other_law(law: Law) -> str:
@@ -271,8 +271,8 @@ def _closest(result: CaseResult) -> str:
     return f"{check.name}: {100 * part:.2g} % of its limit"
 
 
-def _data_url(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+def _data_url(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _number(value: float | None) -> str:

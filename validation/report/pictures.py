@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ from palpate.validation.case.units import LENGTH
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.comparisons import (
     STRAIN_NAMES,
-    Comparison,
     comparisons_of,
     error_top,
     first_eye,
@@ -217,7 +216,9 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
         views.append(View(title, [coloured, original, *around(moved)], side, marks))
     errors = []
-    for pairs in _best(green):
+    # The same mesh, then the best truth, which comes first of all.
+    kinds = ([pairs for pairs in green if pairs.is_truth is kind][:1] for kind in (False, True))
+    for pairs in chain(*kinds):
         compared = [(states[one], states[other]) for one, other in pairs.pairs]
         wrong = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in compared]
         # Errors that are compared with the same kind of reference have one scale.
@@ -235,9 +236,3 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
             title = f"{one.label} - {other.label}"
             errors.append(View(title, [coloured, *around(moved)], side, marks))
     return {"states": views} | ({"errors": errors} if errors else {})
-
-
-def _best(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    """The same mesh, then the best truth, which comes first of all."""
-    kinds = ([pairs for pairs in comparisons if pairs.is_truth is kind] for kind in (False, True))
-    return [pairs for kind in kinds for pairs in kind[:1]]

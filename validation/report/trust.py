@@ -84,7 +84,8 @@ def trust_of(result: CaseResult) -> Trust:
         ),
         scale=tuple(_row(check, _name(check, far, several)) for check in far[:_MOST_ROWS]),
         context=str(result.evidence.get("context_of_use") or "not stated"),
-        needed=_needed(far),
+        # That on displacement, if there is one.
+        needed=next((c.reason for c in sorted(far, key=lambda c: c.metric not in _FIRST)), ""),
         caveat=_caveat(result, far),
         explanation=_explanation(result),
     )
@@ -121,11 +122,6 @@ def _answer(result: CaseResult, far: Sequence[CheckResult]) -> str:
     else:
         says = f"Not close enough: {_distance(worst)}."
     return f"{who}: {says[0].lower()}{says[1:]}" if len(result.candidates) > 1 else says
-
-
-def _needed(far: Sequence[CheckResult]) -> str:
-    of_displacement = [check for check in far if check.metric in _FIRST]
-    return next((check.reason for check in (*of_displacement, *far)), "")
 
 
 def _distance(check: CheckResult) -> str:

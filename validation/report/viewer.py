@@ -28,7 +28,8 @@ def viewer_json(result: CaseResult) -> str:
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
     points = mesh.points[used] * MILLI
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    times = _times(result)
+    motions = [s.trajectory for s in result.states if s.trajectory is not None]
+    times = [float(t) for t in motions[0].times] if motions else None
     scene = {
         "points": packed(points - centre, np.float32),
         "facets": packed(facets.reshape(-1, 3), np.uint32),
@@ -62,7 +63,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
-        "name": _name(state),
+        "name": f"{state.label}, {STRAIN_NAMES[state.strain]}",
         "is_reference": state.is_reference,
         "step": step,
         "displacement": packed(np.rint(displacement / step), np.int16),
@@ -113,16 +114,6 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
             }
         )
     return errors
-
-
-def _times(result: CaseResult) -> list[float] | None:
-    """Stored times of a motion [s]."""
-    motions = [s.trajectory for s in result.states if s.trajectory is not None]
-    return [float(t) for t in motions[0].times] if motions else None
-
-
-def _name(state: State) -> str:
-    return f"{state.label}, {STRAIN_NAMES[state.strain]}"
 
 
 def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:

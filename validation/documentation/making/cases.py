@@ -53,6 +53,15 @@ def draw_cases(made: Path) -> None:
 def _page(case: Case, expected: Mapping[str, Expectation]) -> str:
     truth = load_stored(case.name, case.problem)
     shown = f"{case.title}: its body, what is held, and what pushes"
+    verdicts = [
+        (candidate, str(says.verdict), "; ".join([*says.failed, *says.inconclusive]) or "-")
+        for candidate, says in expected.items()
+    ]
+    bounds = [
+        (candidate, name, f"{bound:.3g}")
+        for candidate, says in expected.items()
+        for name, bound in says.regression_bound.items()
+    ]
     parts = [
         f"# {case.name}: {case.title}\n",
         f"{case.spec.description}\n" if case.spec.description else "",
@@ -71,10 +80,10 @@ def _page(case: Case, expected: Mapping[str, Expectation]) -> str:
         "",
         table(("error bar of", "strain", "relative to its scale"), _bars(truth)),
         "\n## What fastsim reaches\n",
-        table(("with", "verdict", "what is not passed"), _expected(expected)),
+        table(("with", "verdict", "what is not passed"), verdicts),
         "\nWhat its errors against the truth may be at most before CI calls it worse: each is what "
         "was measured and 2 % of it. By these nothing passes.\n",
-        table(("with", "error", "at most"), _bounds(expected)),
+        table(("with", "error", "at most"), bounds),
         f"\n## The file\n\n```toml\n{case.text.strip()}\n```\n",
     ]
     return "\n".join(part for part in parts if part)
@@ -149,11 +158,6 @@ def _bars(truth: ReferenceSet) -> Iterator[tuple[str, str, str]]:
         yield where, str(strain), shown
 
 
-def _expected(expected: Mapping[str, Expectation]) -> Iterator[tuple[str, str, str]]:
-    for candidate, says in expected.items():
-        yield candidate, str(says.verdict), "; ".join([*says.failed, *says.inconclusive]) or "-"
-
-
 def _distances(case: Case, expected: Mapping[str, Expectation]) -> Iterator[tuple[str, ...]]:
     """Of each check against the truth, in per cent: case, metric, both elements, bar, need."""
     bounds: dict[str, float] = {}
@@ -166,19 +170,12 @@ def _distances(case: Case, expected: Mapping[str, Expectation]) -> Iterator[tupl
         if check.against != "truth" or check.expected is not None or linear is None:
             continue
         smoothed = bounds.get(f"{check.metric} (truth, {strain}, smoothed)")
-        of_parts = [bar for (name, of), bar in bars.items() if of is strain and _is(name, check)]
+        of_parts = [
+            bar
+            for (name, of), bar in bars.items()
+            if of is strain and name.partition("@")[0] == check.metric
+        ]
         bar = of_parts[0] if len(of_parts) == 1 else None
         numbers = (linear, smoothed, bar, check.limit)
         shown = ["-" if one is None else f"{100 * one:.2g} %" for one in numbers]
         yield (case.name, f"`{check.metric}`", *shown)
-
-
-def _is(name: str, check: CheckSpec) -> bool:
-    """Whether a bar of this name, of the whole body or of a part of it, is of a check's metric."""
-    return name.partition("@")[0] == check.metric
-
-
-def _bounds(expected: Mapping[str, Expectation]) -> Iterator[tuple[str, str, str]]:
-    for candidate, says in expected.items():
-        for name, bound in says.regression_bound.items():
-            yield candidate, name, f"{bound:.3g}"
