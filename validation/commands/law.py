@@ -62,7 +62,6 @@ def law(
     """
     from palpate.validation.candidates.outside import OutsideSimulator
     from palpate.validation.diagnosis import law_checks as checks
-    from palpate.validation.diagnosis.law_outside import check_simulator
     from palpate.validation.diagnosis.law_simulators import (
         FastsimLaw,
         ReferenceLaw,
@@ -84,7 +83,7 @@ def law(
         material = dataclasses.replace(material, ogden_terms=_ogden_terms(ogden))
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
-        found = check_simulator(program, material, limit, progress_lines())
+        found = checks.check_simulator(program, material, limit, progress_lines())
         _end(material, program.name, found, json)
         return
     whose = FastsimLaw(material) if who == "fastsim" else ReferenceLaw(material)

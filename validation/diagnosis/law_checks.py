@@ -14,12 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Material
-from palpate.validation.diagnosis.law_simulators import LawOf, deformations, rotations
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.validation.candidates.candidate import outside_candidate
+from palpate.validation.candidates.outside import OutsideSimulator
+from palpate.validation.diagnosis.law_simulators import (
+    LawOf,
+    deformations,
+    moderate_deformations,
+    nodal_forces,
+    rotations,
+    separate_cells,
+)
 from palpate.validation.diagnosis.static_hypotheses import lame_of
-from palpate.validation.metrics.laws import OgdenTerms, finite_stress, linear
+from palpate.validation.metrics.laws import OgdenTerms, finite_stress, linear, stress_change
 from palpate.validation.metrics.smoothing import Array
+from palpate.validation.states import Progress
 
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
 # or so; a derivative that is off in any user's sense is off by more than a tenth of a million.
@@ -339,3 +351,86 @@ def self_test(law: LawOf, material: Material) -> dict[str, list[Finding]]:
         ]
         for seeded in seeded_mistakes(law, material)
     }
+
+
+# The stress of another simulator, by bodies of single cells that it is asked to bring to rest.
+#
+# Each cell may do all but turn and move: its first corner is fixed, the next along y and z, the
+# third along z, so that F is upper triangular. The dead forces on its free corners are those of the
+# stated law at an F; the F of the simulator's result is the one at which its own law has that
+# stress. A wrong law shows as another F; its error here is that of the stress at the result.
+
+# Edge of the cells [m]: of the size of soft bodies, so that a tolerance of forces that a simulator
+# has as an absolute number is within reach.
+_EDGE = 0.02
+# Components of F that a cell is free to take, row by row.
+_FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
+
+
+def check_simulator(
+    simulator: OutsideSimulator, material: Material, limit: float, progress: Progress
+) -> list[Finding]:
+    """Compare a simulator's result with that of the law that was stated, to a limit of stress [-].
+
+    A finding for each kind of deformation; more where it sends stresses of its own.
+
+    Raises:
+        CandidateFailedError: It gives no result.
+    """
+    kinds = {
+        kind: stable
+        for kind, F in moderate_deformations().items()
+        if len(stable := F[_is_stable(F, material)])
+    }
+    F = np.concatenate(list(kinds.values()))
+    if not len(F):
+        raise InputError("no cell of this material stays where dead forces hold it")
+    mesh = separate_cells(len(F), _EDGE)
+    first = 4 * np.arange(len(F), dtype=np.int32)
+    supports = (
+        Support(first),
+        Support(first + 1, components=(False, True, True)),
+        Support(first + 2, components=(False, False, True)),
+    )
+    forces = nodal_forces(stated_stress(material, F), _EDGE)
+    load = PointForce(np.arange(mesh.num_points, dtype=np.int32), forces)
+    problem = Problem(mesh, material, supports, (load,))
+    state = outside_candidate(simulator).solve(problem, Strain.GREEN, progress)
+    # F of separate cells by where their corners went.
+    moved = (state.displacement / _EDGE).reshape(-1, 4, 3)
+    found_F = np.eye(3) + (moved[:, 1:] - moved[:, :1]).transpose(0, 2, 1)
+    asked = stated_stress(material, F)
+    found, begin = [], 0
+    for kind, of in kinds.items():
+        rows = slice(begin, begin + len(of))
+        begin += len(of)
+        found.append(_compare(asked[rows], found_F[rows], material, kind, limit))
+        if state.sent_stress is not None:
+            J = np.linalg.det(found_F[rows])[:, None, None]
+            inverse = np.linalg.inv(found_F[rows]).transpose(0, 2, 1)
+            sent = J * state.sent_stress[rows] @ inverse
+            check = "stress sent"
+            found.append(compare_stress(sent, material, kind, found_F[rows], limit, check))
+    return found
+
+
+def _compare(asked: Array, found_F: Array, material: Material, kind: str, limit: float) -> Finding:
+    """Compare components that are free only: reactions are not known."""
+    off = np.where(_FREE, stated_stress(material, found_F) - asked, 0.0)
+    errors = _sizes(off) / _scale(asked, material)
+    is_good = bool((errors <= limit).all())
+    message = "" if is_good else name_of_stress(asked, material, found_F, _FREE)
+    return _finding("law as stated", kind, errors, limit, found_F, message)
+
+
+def _is_stable(F: Array, material: Material) -> NDArray[np.bool_]:
+    """Whether a free cell stays there under dead forces: the free part of dP/dF is positive."""
+    components = np.argwhere(_FREE)
+    tangent = np.zeros((len(F), len(components), len(components)))
+    for column, (i, j) in enumerate(components):
+        dF = np.zeros_like(F)
+        dF[:, i, j] = 1.0
+        change = stress_change(material.law, F - np.eye(3), dF, *moduli_of(material, len(F)))
+        tangent[:, :, column] = change[:, components[:, 0], components[:, 1]]
+    stable: NDArray[np.bool_] = np.linalg.eigvalsh(tangent)[:, 0] > 0.0
+    return stable
