@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pytest
 
 if TYPE_CHECKING:
     from palpate.validation.judging.results import CaseResult
-    from palpate.validation.solving import ElementsName
 
 JudgeCase: TypeAlias = "Callable[..., CaseResult]"
 
@@ -27,8 +26,8 @@ def palpate_case() -> JudgeCase:
 
     The function takes a built-in name or a path to a .toml file and, as keywords, `simulator`
     (a command line with {case} and {result}; fastsim where None), `result` (an existing result
-    file), `element` (of fastsim: linear, smoothed or both), `time_limit` [s] and `live`.
-    It returns the judged case.
+    file), and what `palpate.judge` and `palpate.compare` take: `element`, `integrator`,
+    `time_step`, `law`, `precision`, `contact`, `time_limit` and `live`. It returns the judged case.
     """
 
     def judge(
@@ -36,9 +35,7 @@ def palpate_case() -> JudgeCase:
         *,
         simulator: str | None = None,
         result: str | Path | None = None,
-        element: ElementsName | None = None,
-        time_limit: float = 600.0,
-        live: bool = False,
+        **asked: Any,
     ) -> CaseResult:
         from palpate.validation import api
         from palpate.validation.quoting import for_terminal
@@ -46,13 +43,10 @@ def palpate_case() -> JudgeCase:
 
         if simulator is not None and result is not None:
             raise ValueError("palpate_case takes a simulator or a result, not both")
-        if element is not None and result is not None:
-            raise ValueError("palpate_case takes an element of fastsim, not of a result")
-        judged = (
-            api.judge(case, simulator, element=element, live=live, time_limit=time_limit)
-            if result is None
-            else api.compare(case, Path(result), live=live)
-        )
+        if result is None:
+            judged = api.judge(case, simulator, **asked)
+        else:
+            judged = api.compare(case, Path(result), **asked)
         if judged.verdict is not Verdict.PASSED:
             bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
             lines = [f"  {c.verdict}: {c.name}: {c.message} ({c.reason})" for c in bad]

@@ -56,7 +56,7 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     thrown = garbage * np.random.default_rng(0).uniform(-1.0, 1.0, shape)
     arrays["displacement"][:, inner] += thrown * float(np.ptp(mesh.points, axis=0).max())
     np.savez(folder / "r.npz", **arrays)
-    result = judge_case(case, candidate=result_candidate(folder / "r.npz"))
+    result = judge_case(case, candidate=result_candidate(folder / "r.npz", right.element))
     if name not in ("press", "slide"):
         return result.verdict
     # Their cells are too coarse for the truth, with garbage or without.

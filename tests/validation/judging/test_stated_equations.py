@@ -25,8 +25,10 @@ from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.candidates.equations import AskedSteps, differences
 from palpate.validation.case import Case, load_case
+from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.judging.run_comparison import compare_runs
 from palpate.validation.references import runs
 from palpate.validation.references.reference_set import (
     SAME_MESH,
@@ -35,6 +37,7 @@ from palpate.validation.references.reference_set import (
     ReferenceSet,
 )
 from palpate.validation.references.runs import solve_by_steps
+from palpate.validation.report.html import write_report
 from palpate.validation.states import Precision, State, Verdict, in_silence
 
 STATED = "stated_equations"
@@ -177,7 +180,9 @@ def judged(case: Case, monkeypatch: Any, about: dict[str, Any], **options: Any) 
     return judged_by(known(case, swing(case)), monkeypatch, case, candidate=candidate, **options)
 
 
-@pytest.mark.parametrize("about", [{}, AGREES, UNKNOWN, {"time_step": 0.000500000001}])
+@pytest.mark.parametrize(
+    "about", [{}, AGREES, UNKNOWN, {"time_step": 0.000500004}, {"time_step": None}]
+)
 def test_what_is_not_stated_otherwise_is_no_difference(
     case: Case, monkeypatch: Any, about: Any
 ) -> None:
@@ -367,3 +372,16 @@ def test_contact_is_asked_for_on_every_tool() -> None:
     assert case.with_contact(ContactRule.VERTICES) is case
     assert (other.name, other.is_changed) == ("press-facets", True)
     assert {tool.contact for tool in other.problem.tools} == {ContactRule.FACETS}
+
+
+def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path: Path) -> None:
+    result = judged(case, monkeypatch, {"integrator": "backward-euler", "time_step": COARSE})
+    path = tmp_path / "results.json"
+    path.write_text(outputs.results_json([result], "1"), "utf-8")
+    (row,) = json.loads(path.read_text("utf-8"))["cases"]
+    assert [c["verdict"] for c in row["checks"] if c["metric"] == STATED] == ["failed"]
+    assert {pair.change for pair in compare_runs(path, path).pairs} == {"same"}
+    page = write_report([result], tmp_path).read_text("utf-8")
+    for text in (page, outputs.junit_xml([result]), outputs.summary_markdown([result])):
+        assert STATED in text
+        assert "backward-euler" in text

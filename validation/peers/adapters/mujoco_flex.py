@@ -2,6 +2,9 @@
 
     palpate gate CASE --simulator "python mujoco_flex.py {case} {result}"
 
+Checks of a motion on the same mesh also need `--integrator semi-implicit-euler --time-step DT` with
+the step that its result states, which is its own stable one.
+
 MuJoCo only computes motions: statics are brought to rest by kinetic damping, and a body that does
 not come to rest has no result. Components that are fixed, but not pinned, are put back after each
 step: with a diagonal mass that is equivalent. Mass damping is that of the slide joints, which the

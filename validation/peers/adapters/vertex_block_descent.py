@@ -1,7 +1,7 @@
 """Vertex block descent, or XPBD, in plain NumPy: motions by backward Euler.
 
     palpate gate CASE --simulator "python vertex_block_descent.py {case} {result} {iterations}"
-        --iterations 20 --time-step 2.5e-3
+        --iterations 20 --integrator backward-euler --time-step 2.5e-3
 
 A step from u with velocity v minimises, over the displacement u+ at its end,
 
