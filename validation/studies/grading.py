@@ -1,19 +1,18 @@
 """Section V: graded meshes. The same answer with how many of the cells?
 
-Two questions. How does the number of cells grow with resolution, uniform and graded towards a
-surface, an edge, a corner (the paper: O(n^3) becomes O(n^2))? And on a body: how many cells does
-a mesh graded by its own error need for the accuracy of a uniform one of over 100 000 cells?
+On a body, how many cells does a mesh graded by its own error need for the accuracy of a uniform one
+of over 100 000 cells? (How the number of cells grows with resolution, O(n^3) uniform and O(n^2)
+graded towards a surface, is a test: tests/fastsim/grading/test_symbolic_cube.py.)
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.static_contact import solve_contact
@@ -23,7 +22,6 @@ from palpate.fastsim.grading.graded_mesh import (
     estimate_error,
     mark_largest,
 )
-from palpate.fastsim.grading.symbolic_cube import SymbolicCube
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
@@ -37,81 +35,10 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.availability import is_available
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
-from palpate.validation.report.study_page import Finding, Page, Table, judged
+from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import Progress, Verdict
 
 TITLE = "Graded meshes (section V)"
-
-# Section V: how the number of cells grows with resolution, uniform and graded.
-#
-# The unit cube in Hebert's symbolic cells. A resolution of n means cells of side 1/n where they are
-# smallest; graded, the side grows in proportion to the distance from a face, from the whole
-# boundary, from an edge or from a corner.
-
-RESOLUTIONS = (8, 16, 32, 64, 128)
-# Kuhn's six tetrahedra of a cube of side 1/n: mean edge (3 + 2 sqrt 2 + sqrt 3) / 6 / n, with a
-# little over for rounding. (Edges are shared by cells in just these numbers.)
-_MEAN_EDGE = 1.001 * (3.0 + 2.0 * np.sqrt(2.0) + np.sqrt(3.0)) / 6.0
-# Side over distance. Towards a surface larger values change little, for conformity bounds the
-# growth; towards an edge or a corner a cell's middle must not be further off than its side.
-GROWTH = {"a face": 1.0, "the whole boundary": 2.0, "an edge": 1.0, "a corner": 0.5}
-
-Distance = Callable[[Points], NDArray[np.float64]]
-TARGETS: dict[str, Distance | None] = {
-    "uniform": None,
-    "a face": lambda p: p[:, 2],
-    "the whole boundary": lambda p: np.minimum(p, 1.0 - p).min(axis=1),
-    "an edge": lambda p: np.hypot(p[:, 0], p[:, 1]),
-    "a corner": lambda p: np.linalg.norm(p, axis=1),
-}
-# Section V claims 3 for uniform and 2 for graded meshes; a surface is the dearest target.
-EXPONENTS = {"uniform": 3.0, "a face": 2.0, "the whole boundary": 2.0}
-# How near: what lower-order terms still add at these resolutions.
-EXPONENT_TOLERANCE = 0.1
-
-
-class Growth(NamedTuple):
-    """Cells at each resolution, and the exponent fitted to the last three."""
-
-    target: str
-    resolutions: tuple[int, ...]
-    cells: tuple[int, ...]
-
-    @property
-    def exponent(self) -> float:
-        """Slope of log cells over log n, least squares over the last three."""
-        slope, _ = np.polyfit(np.log(self.resolutions[-3:]), np.log(self.cells[-3:]), 1)
-        return float(slope)
-
-
-def count_cells(target: str, resolutions: tuple[int, ...] = RESOLUTIONS) -> Growth:
-    """Refine towards a target of `TARGETS` and count."""
-    distance = TARGETS[target]
-    counts = []
-    for n in resolutions:
-        if distance is None:
-            counts.append(_count_uniform(n))
-            continue
-        cube = SymbolicCube()
-
-        def size(positions: Points, n: int = n, to: Distance = distance) -> NDArray[np.float64]:
-            return np.maximum(_MEAN_EDGE / n, GROWTH[target] * to(positions))
-
-        cube.refine_to_size(size, max_cells=20_000_000)
-        counts.append(cube.num_cells)
-    return Growth(target, tuple(resolutions), tuple(counts))
-
-
-def _count_uniform(n: int) -> int:
-    """Counted on a mesh up to n = 32; beyond, that mesh's cells times eight for each halving.
-
-    2^21 cells of equal names would take gigabytes at n = 128, and all are bisected alike.
-    """
-    built = min(n, 32)
-    cube = SymbolicCube()
-    cube.refine_to_size(lambda positions: np.full(len(positions), _MEAN_EDGE / built))
-    return cube.num_cells * round(n / built) ** 3
-
 
 # Error against cells on one body: a uniform family of meshes and one graded by its own error.
 #
@@ -350,44 +277,20 @@ def hertz_scene() -> Scene:
     return Scene("sphere into a block", sphere_into_block(coarse.mesh, (0.0, DEPTH)), 4_000, 1.8)
 
 
-class Found(NamedTuple):
-    """Cells of the cube by target; errors against cells by scene."""
-
-    growths: Sequence[Growth]
-    curves: Mapping[str, Curves]
+Found = Mapping[str, Curves]  # by scene
 
 
 def compute(progress: Progress) -> Found:
-    """Count and solve."""
+    """Solve each scene."""
     if not is_available():
         raise InputError("study grading needs FEniCSx for its truth; see the set-up in README")
-    growths = []
-    for target in TARGETS:
-        progress(f"cells graded towards {target}")
-        growths.append(count_cells(target))
     scenes = {"push": push_scene(), "hertz": hertz_scene()}
-    return Found(growths, {name: follow(scene, progress) for name, scene in scenes.items()})
+    return {name: follow(scene, progress) for name, scene in scenes.items()}
 
 
 def judge(found: Found) -> list[Finding]:
-    """The paper's exponents, and what grading saves on each body."""
-    findings = judge_growth(found.growths)
-    for curves in found.curves.values():
-        findings += judge_curves(curves)
-    return findings
-
-
-def judge_growth(growths: Sequence[Growth]) -> list[Finding]:
-    """The exponents of the paper against those counted."""
-    return [
-        judged(
-            f"{g.target}: cells grow as n^{EXPONENTS[g.target]:g}, within {EXPONENT_TOLERANCE:g}",
-            f"n^{g.exponent:.3f} over n = {', '.join(map(str, g.resolutions[-3:]))}",
-            abs(g.exponent - EXPONENTS[g.target]) < EXPONENT_TOLERANCE,
-        )
-        for g in growths
-        if g.target in EXPONENTS
-    ]
+    """What grading saves on each body."""
+    return [finding for curves in found.values() for finding in judge_curves(curves)]
 
 
 def judge_curves(curves: Curves) -> list[Finding]:
@@ -426,25 +329,12 @@ def judge_curves(curves: Curves) -> list[Finding]:
 
 
 def present(found: Found) -> Page:
-    """Cells of the cube, and of each scene every mesh."""
+    """Of each scene every mesh."""
     return Page(
-        figures={
-            "growth": draw_growth(found.growths),
-            **{name: draw_curves(curves) for name, curves in found.curves.items()},
-        },
-        tables={
-            "growth": growth_table(found.growths),
-            **{name: curves_table(curves) for name, curves in found.curves.items()},
-        },
-        numbers={"bars": {name: curves.bars for name, curves in found.curves.items()}},
+        figures={name: draw_curves(curves) for name, curves in found.items()},
+        tables={name: curves_table(curves) for name, curves in found.items()},
+        numbers={"bars": {name: curves.bars for name, curves in found.items()}},
     )
-
-
-def growth_table(growths: Sequence[Growth]) -> Table:
-    """Cells by target and resolution."""
-    columns = {"graded towards": "", **{f"n = {n}": "d" for n in growths[0].resolutions}}
-    rows = [(g.target, *g.cells, g.exponent) for g in growths]
-    return Table("Cells of the unit cube", {**columns, "exponent": ".3f"}, rows)
 
 
 def curves_table(curves: Curves) -> Table:
@@ -461,19 +351,6 @@ def curves_table(curves: Curves) -> Table:
 
 def _heading(curves: Curves) -> str:
     return curves.title[0].upper() + curves.title[1:]
-
-
-def draw_growth(growths: Sequence[Growth]) -> Figure:
-    """Cells over resolution."""
-    panel = Panel(
-        [Line(g.resolutions, g.cells, label=f"{g.target}: n^{g.exponent:.2f}") for g in growths],
-        x="n: cells along the side where they are smallest",
-        y="cells",
-        log="xy",
-        ticks={n: str(n) for n in growths[0].resolutions},
-    )
-    caption = "Cells of the unit cube against resolution; exponents of the last three."
-    return line_figure([[panel]], caption, shares_legend=False)
 
 
 def draw_curves(curves: Curves) -> Figure:

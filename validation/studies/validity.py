@@ -172,19 +172,13 @@ def follow(
         except EquilibriumLostError:
             break
         mesh, bent = loaded.mesh, load * linear
-        points.append(
-            Point(
-                nominal,
-                load,
-                l2_norm(mesh, bent - green) / l2_norm(mesh, green),
-                *(
-                    signed_volumes(mesh.points + u, mesh.cells).sum() / mesh.volume - 1.0
-                    for u in (bent, green)
-                ),
-                _end_rotation(mesh, green),
-                load / (2.0 * slenderness),
-            )
+        error = l2_norm(mesh, bent - green) / l2_norm(mesh, green)
+        by_linear, by_green = (
+            signed_volumes(mesh.points + u, mesh.cells).sum() / mesh.volume - 1.0
+            for u in (bent, green)
         )
+        rotation, strain = _end_rotation(mesh, green), load / (2.0 * slenderness)
+        points.append(Point(nominal, load, error, by_linear, by_green, rotation, strain))
     return Series(slenderness, poissons_ratio, tuple(points))
 
 

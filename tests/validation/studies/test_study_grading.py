@@ -12,14 +12,10 @@ from palpate.validation.report.study_page import study_page
 from palpate.validation.states import Verdict
 from palpate.validation.studies.grading import (
     Curves,
-    Found,
-    Growth,
     Solved,
     cells_for_error,
-    count_cells,
     judge,
     judge_curves,
-    judge_growth,
     present,
     remainder,
 )
@@ -66,18 +62,6 @@ def test_verdicts_go_green_red_and_undecided(part: float, bar: float, verdict: V
         assert "10000 cells, 10.0 times fewer" in findings[0].found
 
 
-@pytest.mark.parametrize(("power", "verdict"), [(2, Verdict.PASSED), (3, Verdict.FAILED)])
-def test_a_mesh_that_does_not_grade_fails_the_exponent(power: int, verdict: Verdict) -> None:
-    n = (8, 16, 32, 64, 128)
-    growth = Growth("a face", n, tuple(k**power for k in n))
-    assert [f.verdict for f in judge_growth([growth])] == [verdict]
-
-
-def test_uniform_cells_are_counted_and_continued_exactly() -> None:
-    assert count_cells("uniform", (4, 8, 16)).cells == (6 * 64, 6 * 512, 6 * 4096)
-    assert count_cells("uniform", (32, 64)).cells[1] == 6 * 64**3
-
-
 def test_cells_for_an_error_lie_on_a_power_and_are_infinite_where_it_is_never_reached() -> None:
     cells = (100, 1000)
     errors = [n**-0.5 for n in cells]
@@ -92,11 +76,10 @@ def test_the_remainder_of_a_geometric_series() -> None:
 
 
 def test_the_page_stands_alone() -> None:
-    growths = [count_cells(name, (4, 8, 16)) for name in ("uniform", "a face")]
-    found = Found(growths, {"push": curves(0.1**0.25, 0.01)})
+    found = {"push": curves(0.1**0.25, 0.01)}
     shown = present(found)
-    assert set(shown.figures) == set(shown.tables) == {"growth", "push"}
+    assert set(shown.figures) == set(shown.tables) == {"push"}
     page = study_page("A <study>", ["Why."], judge(found), shown)
     assert "A &lt;study&gt;" in page
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 1
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
