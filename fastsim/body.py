@@ -137,8 +137,7 @@ class Body:
     def shape_gradients(self) -> Floats:
         """Gradients of the four shape functions in each cell [1/m], shape (num_cells, 4, 3)."""
         rest = self.core.shape_gradients().reshape(-1, 3, 3)
-        gradients: Points = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
-        return gradients
+        return np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
 
     def checked(self, displacement: ArrayLike) -> Points:
         """A displacement as a C-ordered float64 array of the mesh's shape, finite."""
@@ -320,8 +319,7 @@ def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     gradient = body.displacement_gradients(displacement)
     if body.strain is Strain.GREEN and not body.law.is_linear_in_strain:
         P = body.first_piola_kirchhoff_stresses(displacement)
-        S: Floats = np.linalg.solve(np.eye(3) + gradient, P)
-        return S
+        return np.linalg.solve(np.eye(3) + gradient, P)
     E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     if body.strain is Strain.GREEN:
         E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)

@@ -164,7 +164,8 @@ class ExplicitBody:
             self.elastic,
             self._mass,
             self._loads.is_free,
-            scheme=self._scheme,
+            time_step=self.time_step,
+            mass_damping=mass_damping,
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
             is_single=precision is Precision.SINGLE,
             tracks_energy=tracks_energy,
@@ -367,8 +368,7 @@ class ExplicitBody:
         force, increment = self.force(), self._read()[1]
         ahead = self._scheme.next_increments(increment, self._mass, force)
         ahead = self._loads.moved(ahead, self.time, self.time + self.time_step)
-        speed: Points = (increment + ahead) / (2.0 * self.time_step)
-        return speed
+        return (increment + ahead) / (2.0 * self.time_step)
 
     def load(self) -> Points:
         """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +28,16 @@ def make_run(
     mass: Floats,
     is_free: NDArray[np.uint8],
     *,
-    scheme: _core.CentralDifference,
-    displacement_limit: float,
     is_single: bool,
-    tracks_energy: bool,
     stiffness_damping: float,
     num_threads: int,
     device: str,
     is_repeatable: bool,
+    **options: Any,
 ) -> ExplicitRun:
     """A run on the core ("cpu") or on a device; see `ExplicitBody`.
+
+    Both take the options: the step and its damping, the bound of displacements, `tracks_energy`.
 
     Raises:
         DeviceUnavailableError: There is no such device, or Warp is not installed.
@@ -49,29 +49,16 @@ def make_run(
             body.core,
             mass,
             is_free,
-            time_step=scheme.time_step,
-            mass_damping=scheme.mass_damping,
-            displacement_limit=displacement_limit,
             num_threads=num_threads,
             at_most=chosen_instruction_set(),
             is_single=is_single,
-            tracks_energy=tracks_energy,
             stiffness_damping=stiffness_damping,
+            **options,
         )
     if stiffness_damping:
         raise UnsupportedOnDeviceError("stiffness damping", named)
     from palpate.fastsim.gpu.device_run import DeviceRun
 
-    return DeviceRun(
-        problem,
-        body,
-        mass,
-        is_free,
-        device=named,
-        precision="float32" if is_single else "float64",
-        is_repeatable=is_repeatable,
-        tracks_energy=tracks_energy,
-        time_step=scheme.time_step,
-        mass_damping=scheme.mass_damping,
-        displacement_limit=displacement_limit,
-    )
+    precision = "float32" if is_single else "float64"
+    options |= {"device": named, "precision": precision, "is_repeatable": is_repeatable}
+    return DeviceRun(problem, body, mass, is_free, **options)

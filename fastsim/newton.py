@@ -481,18 +481,15 @@ class _MaterialStiffness:
     def _gradients(self, displacement: Points) -> Floats:
         """F, which is I under linear strain."""
         H = self._body.displacement_gradients(displacement)
-        F: Floats = np.eye(3) + (H if self._body.strain is Strain.GREEN else 0.0 * H)
-        return F
+        return np.eye(3) + (H if self._body.strain is Strain.GREEN else 0.0 * H)
 
     def _stresses(self, displacement: Points) -> Floats:
         """Second Piola-Kirchhoff's S = F^-1 P."""
         P = self._body.first_piola_kirchhoff_stresses(displacement)
-        S: Floats = np.linalg.solve(self._gradients(displacement), P)
-        return S
+        return np.linalg.solve(self._gradients(displacement), P)
 
     def _stress_changes(self, x: Points) -> Floats:
         largest = float(np.abs(self._body.displacement_gradients(x)).max())
         step = _SMALL / largest if largest > 0.0 else 1.0
         ahead, behind = (self._stresses(self._displacement + s * x) for s in (step, -step))
-        changes: Floats = (ahead - behind) / (2.0 * step)
-        return changes
+        return (ahead - behind) / (2.0 * step)

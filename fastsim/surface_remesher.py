@@ -232,8 +232,7 @@ def _moves(points: Points, facets: Indices, searched: _core.SurfaceDistance) -> 
         cosine = np.einsum("ij,ij->i", normals, directions[facets[:, k]])
         np.minimum.at(facing, facets[:, k], cosine)
     amount = np.where(facing > _SHARP_COSINE, amount / np.maximum(weight, 1e-300), 0.0)
-    moved: Points = amount[:, None] * directions
-    return moved
+    return amount[:, None] * directions
 
 
 def _factor(points: Points, facets: Indices, moves: Points, wanted: float) -> float:

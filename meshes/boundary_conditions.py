@@ -352,5 +352,4 @@ def _moments(
 def _keys(facets: Indices) -> NDArray[np.void]:
     """One value for each facet, whatever the order of its corners."""
     rows = np.ascontiguousarray(np.sort(np.asarray(facets, dtype=np.int32), axis=1))
-    keys: NDArray[np.void] = rows.view(np.dtype((np.void, 12))).ravel()
-    return keys
+    return rows.view(np.dtype((np.void, 12))).ravel()

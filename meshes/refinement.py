@@ -93,8 +93,7 @@ def _cells_within(given_cell: Integers | Indices, chosen: Indices) -> Indices:
 def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """A field linear in each cell, (num_points, ...), at the points of `refine_uniformly`."""
     first, second = _EdgeMidpoints(mesh).ends.T
-    finer: NDArray[np.float64] = np.concatenate([values, 0.5 * (values[first] + values[second])])
-    return finer
+    return np.concatenate([values, 0.5 * (values[first] + values[second])])
 
 
 def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -149,8 +148,7 @@ class _EdgeMidpoints(_Midpoints):
         a, b, c = facets.astype(np.int64).reshape(-1, 3).T
         ab, bc, ca = (self.of(np.column_stack(p)) for p in ((a, b), (b, c), (c, a)))
         rows = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        fine: Indices = np.vstack([np.column_stack(row) for row in rows]).astype(np.int32)
-        return fine
+        return np.vstack([np.column_stack(row) for row in rows]).astype(np.int32)
 
 
 # Local refinement: marked cells are cut at the midpoints of all their edges, and no point hangs.
@@ -264,5 +262,4 @@ class _Cut(_Midpoints):
 
     def facets(self, facets: Indices) -> Indices:
         """The parts of some facets, oriented as they were, shape (n, 3)."""
-        parts: Indices = self.simplices(np.asarray(facets), _FACET_PAIRS)[0].astype(np.int32)
-        return parts
+        return self.simplices(np.asarray(facets), _FACET_PAIRS)[0].astype(np.int32)

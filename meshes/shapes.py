@@ -202,8 +202,7 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
             flipped += 1
         if flipped == 0:
             break
-    result: Indices = triangles.astype(np.int32)
-    return result
+    return triangles.astype(np.int32)
 
 
 def _corner_cosines(points: Points, facets: NDArray[np.int64]) -> Floats:

@@ -172,8 +172,7 @@ class Spring:
                 f"radius = {self.radius:g} m of a spring about {_text(self.center)} m: no point of "
                 "the surface lies so near; take a larger radius or smaller cells"
             )
-        found: Floats = self.stiffness / whole * weights
-        return found
+        return self.stiffness / whole * weights
 
 
 def spring_patch(mesh: TetMesh, center: tuple[float, float, float], radius: float) -> Indices:
@@ -225,5 +224,4 @@ def _distances(corners: Points, position: Floats) -> Floats:
         along = corners[:, (k + 1) % 3] - corners[:, k]
         turned = np.einsum("ij,ij->i", np.cross(along, foot - corners[:, k]), normal)
         is_above &= turned >= 0.0
-    found: Floats = np.where(is_above, np.abs(height), nearest)
-    return found
+    return np.where(is_above, np.abs(height), nearest)

@@ -16,8 +16,7 @@ def facet_normals(corners: Points) -> Points:
     Of corners [m], shape (..., 3, 3); outward where they run counter-clockwise seen from outside.
     """
     start = corners[..., 0, :]
-    normals: Points = np.cross(corners[..., 1, :] - start, corners[..., 2, :] - start)
-    return normals
+    return np.cross(corners[..., 1, :] - start, corners[..., 2, :] - start)
 
 
 def facet_areas(corners: Points) -> Floats:
@@ -70,14 +69,12 @@ class EdgeUses:
     @cached_property
     def by_edge(self) -> Integers:
         """Rows in the order of their edges, shape (3 num_facets,)."""
-        order: Integers = np.argsort(self.edge, kind="stable")
-        return order
+        return np.argsort(self.edge, kind="stable")
 
     @property
     def crowd(self) -> Integers:
         """Number of uses of the edge of each row, shape (3 num_facets,)."""
-        uses: Integers = self.counts[self.edge]
-        return uses
+        return self.counts[self.edge]
 
     @property
     def plain_pairs(self) -> Integers:

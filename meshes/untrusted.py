@@ -37,8 +37,8 @@ MOST_TEXT_BYTES = 64 * 1024**2
 MOST_BYTES = 1024**3
 # numpy's letters of truth values, whole numbers, reals and text.
 _KINDS = "biufUS"
-_PIECE = 1024**2
 _Header = tuple[tuple[int, ...], bool, np.dtype[Any]]
+_READ: Callable[..., NDArray[Any]] = np.lib.format.read_array
 _VERSION: Callable[[IO[bytes]], tuple[int, int]] = np.lib.format.read_magic
 _HEADERS: dict[tuple[int, int], Callable[[IO[bytes]], _Header]] = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -200,7 +200,7 @@ def read_npz(
                 }
                 wanted = {n: e for n, e in entries.items() if names is None or n in names}
                 _require_room(path, archive, wanted, most_bytes)
-                return {name: _array(path, archive, entry) for name, entry in wanted.items()}
+                return {name: _array(archive, entry) for name, entry in wanted.items()}
         except FileFormatError:
             raise
         # Damage shows as any of a dozen kinds of error, the decompressor's own among them.
@@ -254,20 +254,10 @@ def _header(stream: IO[bytes]) -> _Header:
     return shape, columns_first, dtype
 
 
-def _array(path: str | Path, archive: ZipFile, entry: ZipInfo) -> NDArray[Any]:
+def _array(archive: ZipFile, entry: ZipInfo) -> NDArray[Any]:
+    """The array, which numpy reads piece by piece: never more than its header, checked before."""
     with archive.open(entry) as stream:
-        shape, columns_first, dtype = _header(stream)
-        size = math.prod(shape) * dtype.itemsize
-        # Never more than was checked, whatever sizes the zip file states; piece by piece, so that
-        # the data is in memory once.
-        data = bytearray(size)
-        for start in range(0, size, _PIECE):
-            piece = stream.read(min(_PIECE, size - start))
-            if len(piece) != min(_PIECE, size - start):
-                raise FileFormatError(path, f"{entry.filename!r} is cut off")
-            data[start : start + len(piece)] = piece
-    array = np.frombuffer(data, dtype=dtype) if size else np.zeros(math.prod(shape), dtype)
-    return array.reshape(shape, order="F" if columns_first else "C")
+        return _READ(stream, allow_pickle=False)
 
 
 def unpacked_bytes(path: str | Path, *, most_bytes: int) -> int:

@@ -36,8 +36,7 @@ def lattice(order: int) -> Points:
     if order == 0:
         return np.full((1, 3), 0.25)
     rows = [r for r in itertools.product(range(order + 1), repeat=3) if sum(r) <= order]
-    points: Points = np.array(rows, dtype=np.float64) / order
-    return points
+    return np.array(rows, dtype=np.float64) / order
 
 
 class DetFSampler:

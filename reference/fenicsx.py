@@ -398,8 +398,7 @@ def all_rows(rows: Floats) -> Floats:
 
 def different_rows(rows: Floats) -> Floats:
     """The distinct rows of a table over all ranks, sorted."""
-    different: Floats = np.unique(all_rows(np.unique(rows, axis=0)), axis=0)
-    return different
+    return np.unique(all_rows(np.unique(rows, axis=0)), axis=0)
 
 
 def exchange(parts: list[Any]) -> list[Any]:

@@ -196,16 +196,14 @@ class TransferredSpace:
         return owned
 
     def _is_owned(self, dofs: Indices) -> np.ndarray[Any, Any]:
-        owned: np.ndarray[Any, Any] = (dofs >= 0) & (dofs < self.num_blocks)
-        return owned
+        return (dofs >= 0) & (dofs < self.num_blocks)
 
     def at_points(self, values: Points) -> Points:
         """Values of a flat vector of the space at the TetMesh's points, shape (num_points, 3)."""
         picked = np.zeros((self.transferred.source.num_points, 3))
         here = self._is_owned(self.dof_of_point)
         picked[here] = np.array(values).reshape(-1, 3)[self.dof_of_point[here]]
-        everywhere: Points = picked if fenicsx.COMM.size == 1 else fenicsx.total(picked)
-        return everywhere
+        return picked if fenicsx.COMM.size == 1 else fenicsx.total(picked)
 
     def from_points(self, values: Points) -> Floats:
         """Return the flat vector of a field that is linear between the TetMesh's points."""
@@ -228,8 +226,7 @@ class TransferredSpace:
         low.x.array.reshape(-1, 3)[linear.dof_of_point[known]] = nodal[known]
         high = fenicsx.fem.Function(self.space)
         high.interpolate(low)
-        interpolated: Floats = np.array(high.x.array[: 3 * self.num_blocks])
-        return interpolated
+        return np.array(high.x.array[: 3 * self.num_blocks])
 
 
 def create_space(transferred: TransferredMesh, degree: int) -> TransferredSpace:

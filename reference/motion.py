@@ -175,8 +175,7 @@ class MovingBody:
     def inertia(self, acceleration: Floats) -> Floats:
         """M a [N], flat."""
         if self.row_sums is not None:
-            force: Floats = self.row_sums * acceleration
-            return force
+            return self.row_sums * acceleration
         field, form = self._inertia
         field.x.array[: len(acceleration)] = self.body.to_global(acceleration)
         field.x.scatter_forward()

@@ -68,8 +68,7 @@ def _by_strains(value: Floats, slope: Floats, bend: Floats, squared: Floats) -> 
 
 
 def _diagonal(values: Floats) -> Floats:
-    found: Floats = values[:, :, None] * np.eye(3)
-    return found
+    return values[:, :, None] * np.eye(3)
 
 
 def stretch_sum(e: Floats) -> OfStrains:

@@ -364,8 +364,7 @@ class _EdgeLawOfStretches:
     def stress(self, strains: Floats) -> Floats:
         """See `_EdgeLaw`."""
         _, slope, _ = of_tensors(strains.reshape(-1, 3, 3), self._function)
-        found: Floats = (slope @ self._nine.T).ravel()
-        return found
+        return (slope @ self._nine.T).ravel()
 
     def moduli_times(self, strains: Floats, changes: Any) -> Any:
         """See `_EdgeLaw`."""

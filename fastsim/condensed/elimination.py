@@ -60,8 +60,7 @@ class Condensed:
 
 def components_of(points: Indices | NDArray[np.int64]) -> NDArray[np.int64]:
     """Numbers of the three components of each point, shape (3 n,)."""
-    found: NDArray[np.int64] = (3 * points[:, None] + np.arange(3)).reshape(-1)
-    return found
+    return (3 * points[:, None] + np.arange(3)).reshape(-1)
 
 
 def condense_matrix(
@@ -171,8 +170,7 @@ def _pieces(n: int) -> list[slice]:
 def _blocks_of(matrix: Floats) -> Floats:
     """A view with the 3 x 3 blocks last."""
     rows, columns = matrix.shape
-    view: Floats = matrix.reshape(rows // 3, 3, columns // 3, 3).transpose(0, 2, 1, 3)
-    return view
+    return matrix.reshape(rows // 3, 3, columns // 3, 3).transpose(0, 2, 1, 3)
 
 
 # Nested dissection: in which order points are eliminated, and how large every front is.

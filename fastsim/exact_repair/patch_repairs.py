@@ -186,10 +186,9 @@ MOST_PAIRS = 20_000
 
 def all_crossings(points: Points, facets: Indices) -> NDArray[np.int32]:
     """Pairs of facets that meet beyond shared corners and edges, shape (num_pairs, 2)."""
-    pairs: NDArray[np.int32] = _core.find_self_intersections(
+    return _core.find_self_intersections(
         np.ascontiguousarray(points), np.ascontiguousarray(facets), MOST_PAIRS
     )
-    return pairs
 
 
 def crossings_of(

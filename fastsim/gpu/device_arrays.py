@@ -348,22 +348,6 @@ def morton_order(positions: Floats) -> NDArray[np.int64]:
     return np.argsort(code, kind="stable")
 
 
-@dataclass(frozen=True, eq=False)
-class ToolData:
-    """A tool and the vertices it may touch, their stiffness k A [N/m]."""
-
-    shape: int
-    size: tuple[float, float, float]
-    is_constraint: bool
-    friction: float
-    reach: float
-    deepest: float
-    direction: tuple[float, float, float]
-    mass: float
-    vertices: Indices
-    stiffnesses: Floats
-
-
 @dataclass(eq=False)
 class BodyData:
     """A body, and its loads, supports and tools.
@@ -379,7 +363,7 @@ class BodyData:
         facets, pressures, pressure_histories: Follower pressures [Pa].
         support_values, support_histories: Terms below one another, (terms * num_points, 3).
         slides: Points, directions (n, 6), values (n, 2), histories (n, 2).
-        tools: In their order.
+        tools: In their order: kind and lengths of the shape, what `DeviceRun.add_tool` is given.
     """
 
     body: Body
@@ -395,7 +379,7 @@ class BodyData:
     support_values: Floats | None = None
     support_histories: Indices | None = None
     slides: tuple[Indices, Floats, Floats, Indices] | None = None
-    tools: list[ToolData] = field(default_factory=list)
+    tools: list[SimpleNamespace] = field(default_factory=list)
 
     @property
     def half_damping(self) -> float:
@@ -411,8 +395,7 @@ class BodyData:
     def mobility(self) -> Floats:
         """Increment by a unit force [m/N], 0 where fixed, shape (num_points, 3)."""
         each = self.time_step**2 / (self.mass * (1.0 + self.half_damping))
-        found: Floats = np.where(self.is_free != 0, each[:, None], 0.0)
-        return found
+        return np.where(self.is_free != 0, each[:, None], 0.0)
 
 
 def require_supported(body: Body, device: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.gpu.batch_run import BatchRun, Plan
-from palpate.fastsim.gpu.device_arrays import BodyData, ToolData, require_supported, shape_numbers
+from palpate.fastsim.gpu.device_arrays import BodyData, require_supported, shape_numbers
 from palpate.fastsim.gpu.devices import UnsupportedOnDeviceError
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
@@ -157,29 +158,11 @@ class DeviceRun:
         if self._batch is not None:
             self._batch.renew_scheme()
 
-    def add_tool(
-        self,
-        shape: _core.ToolShape,  # noqa: ARG002
-        *,
-        is_constraint: bool,
-        friction: float,
-        reach: float,
-        deepest: float,
-        direction: tuple[float, float, float],
-        mass: float,
-        points: Points,  # noqa: ARG002
-        vertices: NDArray[np.int32],
-        stiffnesses: Floats,
-    ) -> None:
-        """The problem's next tool."""
-        given = self._problem.tools[len(self.data.tools)].shape
-        kind, size = shape_numbers(given, self._device)
-        self.data.tools.append(
-            ToolData(
-                kind, size, is_constraint, friction, reach, deepest, direction, mass, vertices,
-                np.asarray(stiffnesses, dtype=np.float64),
-            )
-        )  # fmt: skip
+    def add_tool(self, *shape_of_core: object, points: Points, **given: Any) -> None:  # noqa: ARG002
+        """The problem's next tool, with the arguments of the core's run."""
+        shape = self._problem.tools[len(self.data.tools)].shape
+        kind, size = shape_numbers(shape, self._device)
+        self.data.tools.append(SimpleNamespace(shape=kind, size=size, **given))
 
     def set_self_contact(self, *args: object, **kwargs: object) -> None:  # noqa: ARG002
         """Only the core has it."""

@@ -92,8 +92,7 @@ class GradedMesh:
         for new, (a, b) in self._by_generation():
             across = on_boundary[a] & on_boundary[b] & ~on_boundary[new]
             belongs[new] = belongs[a] & belongs[b] & ~across
-        chosen: Indices = np.flatnonzero(belongs).astype(np.int32)
-        return chosen
+        return np.flatnonzero(belongs).astype(np.int32)
 
     def carry_facets(self, facets: ArrayLike) -> Indices:
         """Facets that lie in given boundary or group facets, outward, shape (m, 3).
@@ -152,8 +151,7 @@ class GradedMesh:
         rows = np.take_along_axis(self.cells[cell], CELL_FACETS[side], axis=1)
         # A facet within the body is seen from both of its cells.
         first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1]
-        found: Indices = np.ascontiguousarray(rows[np.sort(first)])
-        return found
+        return np.ascontiguousarray(rows[np.sort(first)])
 
 
 def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
@@ -189,8 +187,7 @@ def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:
     for k in range(4):
         np.add.at(total, mesh.cells[:, k], rows)
         np.add.at(weight, mesh.cells[:, k], volumes)
-    means: Floats = (total / weight[:, None]).reshape(-1, 3, 3)
-    return means
+    return (total / weight[:, None]).reshape(-1, 3, 3)
 
 
 def estimate_error(body: Body, displacement: ArrayLike) -> Floats:

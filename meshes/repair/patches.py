@@ -159,5 +159,4 @@ def loose_facets(points: Points, facets: Indices, smallest: float) -> Mask:
     is_small = sizes < smallest
     if len(sizes):
         is_small[np.argmax(sizes)] = False
-    found: Mask = is_small[part]
-    return found
+    return is_small[part]

@@ -333,8 +333,7 @@ def _on_case(
     def mean(tensors: Floats) -> Floats:
         whole = np.zeros((num_cells, 3, 3))
         np.add.at(whole, case_cell, volumes[:, None, None] * tensors)
-        means: Floats = whole / sums[:, None, None]
-        return means
+        return whole / sums[:, None, None]
 
     return dataclasses.replace(
         state,
@@ -363,14 +362,13 @@ def _cell_errors(solved: Solved, goals: Sequence[Goal]) -> dict[Goal, Floats]:
 
 def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:
     """Each cell's part of all goals' errors, weighted by the ratios of their bars to tolerances."""
-    whole: Floats = sum(
+    return sum(
         (
             need * parts / (parts.sum() or 1.0)
             for parts, need in zip(errors.values(), needs, strict=True)
         ),
         np.zeros(1),
     )
-    return whole
 
 
 def _memory() -> float:

@@ -190,8 +190,7 @@ class Solved:
 
     def here(self, values: Floats) -> Floats:
         """Values of the case's cells in the cells of this rank, in dolfinx's numbering."""
-        own: Floats = values[self.case_cell][self.discrete.space.transferred.cell_of_cell]
-        return own
+        return values[self.case_cell][self.discrete.space.transferred.cell_of_cell]
 
     def everywhere(self, values: Floats) -> Floats:
         """Values of the cells of this rank in those of all, in the TetMesh's order."""

@@ -105,8 +105,7 @@ def _rows_in(facets: Indices, chosen: Indices) -> NDArray[np.bool_]:
     rows = np.sort(np.vstack([facets, chosen]), axis=1)
     _, number = np.unique(rows, axis=0, return_inverse=True)
     of_rows = number.reshape(-1)
-    found: NDArray[np.bool_] = np.isin(of_rows[: len(facets)], of_rows[len(facets) :])
-    return found
+    return np.isin(of_rows[: len(facets)], of_rows[len(facets) :])
 
 
 def _carried(problem: Problem, start: Points, finer: Problem, case_cell: Indices) -> Points:

@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
@@ -108,6 +110,7 @@ def refine_truth(
     Raises:
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
+    from palpate.reference.adaptivity import goals as goals_of
     from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AdaptiveTask
@@ -116,7 +119,9 @@ def refine_truth(
     whole = (*whole_metrics(problem), ENERGY)
     goals = [Goal(Quantity(name), request.tolerance(name, strain)) for name in whole]
     for name, part in request.named_parts(strain).items():
-        goals.append(Goal(Quantity(name.partition("@")[0]), request.bar, part, name))
+        # Of validation's part what the reference knows of.
+        own = goals_of.Part(np.unique(part.cells), part.weights, part.support)
+        goals.append(Goal(Quantity(name.partition("@")[0]), request.bar, own, name))
     task = AdaptiveTask(
         tuple(goals),
         Budget(request.seconds, request.memory, request.unknowns),
