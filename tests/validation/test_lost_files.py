@@ -20,6 +20,7 @@ from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.validation import api
 from palpate.validation.case import CaseError, load_case, load_cases
 from palpate.validation.exchange import case_folder
+from palpate.validation.judging.outputs import write_outputs
 
 Run = Callable[..., CompletedProcess[str]]
 # Outputs larger than a full disk takes, by the words that write them.
@@ -82,6 +83,20 @@ def test_an_export_that_breaks_off_is_no_case_and_no_mixture(
     with pytest.raises(OSError, match="No space"):
         api.export("column", tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_outputs_of_a_run_are_all_new_or_all_old(tmp_path: Path) -> None:
+    """A new results.json beside the junit.xml of an earlier run is two verdicts."""
+    paths = {name: tmp_path / name for name in ("json", "junit", "summary")}
+    write_outputs([], **paths)
+    numbers = {path: path.stat().st_ino for path in paths.values()}
+    nowhere = tmp_path / "nowhere" / "s.md"
+    with pytest.raises(OSError, match="No such file"):
+        write_outputs([], **{**paths, "summary": nowhere})
+    assert {path: path.stat().st_ino for path in paths.values()} == numbers
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["json", "junit", "summary"]
+    write_outputs([], **paths)
+    assert all(path.stat().st_ino != numbers[path] for path in paths.values())
 
 
 def test_two_exports_at_once_leave_one_case(tmp_path: Path) -> None:

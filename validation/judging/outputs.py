@@ -5,6 +5,7 @@ results.json, JUnit XML, Markdown, annotations of GitHub, a table on the termina
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json as json_format
 import xml.etree.ElementTree as ET
@@ -16,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.meshes.own_files import write_own_text
+from palpate.meshes.own_files import own_path
 from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import (
@@ -299,11 +300,13 @@ def write_outputs(
     junit: Path | None = None,
     summary: Path | None = None,
 ) -> None:
-    """Write what was asked for, each file whole or not at all."""
-    if json is not None:
-        write_own_text(json, results_json(results, version_of("palpate")))
-    if junit is not None:
-        write_own_text(junit, junit_xml(results))
-    if summary is not None:
-        table = side_by_side_markdown(results)
-        write_own_text(summary, summary_markdown(results) + table)
+    """Write what was asked for: all files or, where one cannot be written, none of them."""
+    makers = {
+        json: lambda: results_json(results, version_of("palpate")),
+        junit: lambda: junit_xml(results),
+        summary: lambda: summary_markdown(results) + side_by_side_markdown(results),
+    }
+    with contextlib.ExitStack() as files:  # they get their names at its end
+        for path, text in makers.items():
+            if path is not None:
+                files.enter_context(own_path(path)).write_text(text(), encoding="utf-8")
