@@ -57,9 +57,9 @@ def without_folders(text: str) -> str:
     known = [*((folder, "", ".") for folder in here), (home, "~/", "~")]
     for folder, inside, alone in sorted(known, key=lambda each: -len(each[0])):
         if os.path.isabs(folder) and len(folder) > 1:  # noqa: PTH117
-            end = r"(?:([\\/]+)(?=[^\s\\/'\"])|[\\/]*(?![\w.-]))"
-            shown = re.escape(folder.rstrip("\\/")) + end
-            text = re.sub(shown, lambda m, i=inside, a=alone: i if m[1] else a, text)
+            named = re.escape(folder.rstrip("\\/"))
+            text = re.sub(named + r"[\\/]+(?=[^\s\\/'\"])", inside, text)
+            text = re.sub(named + r"[\\/]*(?![\w.-])", alone, text)
     return _ABSOLUTE.sub("", text)
 
 

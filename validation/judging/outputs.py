@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import json as json_format
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -301,7 +301,7 @@ def write_outputs(
     summary: Path | None = None,
 ) -> None:
     """Write what was asked for: all files or, where one cannot be written, none of them."""
-    makers = {
+    makers: dict[Path | None, Callable[[], str]] = {
         json: lambda: results_json(results, version_of("palpate")),
         junit: lambda: junit_xml(results),
         summary: lambda: summary_markdown(results) + side_by_side_markdown(results),
