@@ -241,7 +241,10 @@ LINES = {
     "fastsim": (12900, "issue 34: hashes of condensed models"),
     "reference": (10300, "as of 24 November 2026"),
     "validation": (44200, "issue 34: what results, models and files may not do"),
-    "tests": (52700, "issue 34: outputs, signals, lost files, stated equations, stale results, imports"),
+    "tests": (
+        52700,
+        "issue 34: outputs, signals, lost files, stated equations, stale results, imports",
+    ),
     "validation/candidates": (1530, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "as of 24 November 2026"),
     "validation/commands": (2170, "issue 34: equations are asked for by options"),
@@ -251,7 +254,10 @@ LINES = {
     "validation/exchange": (1500, "as of 24 November 2026"),
     "validation/importing": (3040, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (3600, "issue 34: what results, models and files may not do"),
-    "validation/live": (3060, "issue 34: how the page is opened, and what recordings may not replace"),
+    "validation/live": (
+        3060,
+        "issue 34: how the page is opened, and what recordings may not replace",
+    ),
     "validation/metrics": (4500, "as of 24 November 2026"),
     "validation/peers": (5900, "as of 24 November 2026"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
