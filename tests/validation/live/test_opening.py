@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from signals import PALPATE, default_signals
@@ -62,6 +63,21 @@ def test_no_token_stands_in_the_browsers_command_line(tmp_path: Path) -> None:
     assert stat.S_IMODE(mode) == 0o600
     assert f'url={address}"' in text
     assert sorted(path.name for path in tmp_path.iterdir()) == ["browser.py", "seen.json"]
+
+
+@pytest.mark.browser
+def test_a_browser_finds_the_page_by_the_file(
+    browser: Any, tmp_path: Path, serving: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opening.webbrowser, "open", browser.get)
+    with serving("block") as server, opening.opened(server.address, tmp_path / "a #b"):
+        found = "return document.body.dataset.forces"
+        end = time.monotonic() + 30.0
+        while not browser.execute_script(found):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        assert browser.current_url == server.address
+        assert browser.execute_script("return document.referrer") == ""
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_and_a_used_one_stays(
