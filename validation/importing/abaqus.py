@@ -97,15 +97,28 @@ def read_abaqus(path: Path) -> Model:
 
 
 def _require_one_part(cards: list[Card]) -> None:
-    """Refuse several parts, and one that its assembly moves or turns by data of *INSTANCE."""
+    """Refuse several parts, one that its assembly moves or turns, and names of part and assembly.
+
+    Nodes and sets of an assembly are others than those of the part with the same number or name.
+    """
     seen: set[str] = set()
-    for card in (card for card in cards if card.keyword in _FRAME):
-        if card.keyword in seen:
-            raise card.refuse(f"a second *{card.keyword}; a case has one body")
-        seen.add(card.keyword)
-        card.mark()
-        if card.lines:
-            raise card.lines[0][0].refuse(f"*{card.keyword}: a part that is moved or turned")
+    scope, scope_of = "", dict[tuple[str, str], bool]()
+    for card in cards:
+        if card.keyword in _FRAME:
+            scope = card.keyword
+            if scope in seen:
+                raise card.refuse(f"a second *{scope}; a case has one body")
+            seen.add(scope)
+            card.mark()
+            if card.lines:
+                raise card.lines[0][0].refuse(f"*{scope}: a part that is moved or turned")
+        elif card.keyword in ("NODE", "ELEMENT") and scope in ("ASSEMBLY", "END INSTANCE"):
+            raise card.refuse(f"*{card.keyword} of the assembly, beside those of its part")
+        elif card.keyword in ("NODE", "ELEMENT", "NSET", "ELSET"):
+            for kind in ("NSET", "ELSET"):
+                name, is_of_part = name_of(card.values.get(kind, "")), scope in ("PART", "INSTANCE")
+                if name and scope_of.setdefault((kind, name), is_of_part) != is_of_part:
+                    raise card.refuse(f"set {name[:40]} of the part and of the assembly are two")
 
 
 def _step(path: Path, cards: list[Card]) -> tuple[bool, float]:

@@ -57,7 +57,7 @@ class Card(Statement):
         """*KEYWORD, or one of its parameters."""
         return f"*{self.keyword[:40]}" + (f": parameter {value[:40]}" if value else "")
 
-    def refuse_data(self) -> None:
+    def refuse_data(self, known: frozenset[str]) -> None:  # noqa: ARG002 - no data alone is known
         """Refuse data lines that nobody asked for; empty ones say nothing."""
         for source, fields in self.lines:
             if any(fields):

@@ -17,7 +17,7 @@ from pathlib import Path
 from palpate.validation.importing.model import ImportRefusedError, Source
 
 # Of a card or a tag, names that may be there: NAME, or NAME=VALUE for that value alone, `#` for the
-# text or the data lines, `*` for everything in it.
+# text or the data lines, `#=TEXT` for that text alone, `*` for everything in it.
 Harmless = Mapping[str, frozenset[str]]
 DATA, ALL = "#", "*"
 _NONE: frozenset[str] = frozenset()
@@ -81,8 +81,8 @@ class Statement:
         """The tags in a tag."""
         return ()
 
-    def refuse_data(self) -> None:
-        """Refuse text or data lines that are there."""
+    def refuse_data(self, known: frozenset[str]) -> None:
+        """Refuse text or data lines that are there and not harmless."""
         raise NotImplementedError
 
     def mark(self, name: str | None = None) -> None:
@@ -148,7 +148,7 @@ def left_out(statements: Iterable[Statement], known: Harmless, parent: str = "")
             continue
         statement.refuse_rest(names)
         if DATA not in names and DATA not in (statement.read or ()):
-            statement.refuse_data()
+            statement.refuse_data(names)
         more = left_out(statement.below(), known, statement.name)
         if statement.read is not None:
             found += more

@@ -44,10 +44,11 @@ class Element(Statement):
         """Its children."""
         return self.children
 
-    def refuse_data(self) -> None:
-        """Refuse text that nobody asked for."""
-        if any(part.strip() for part in self.parts):
-            raise self.refuse(f"text in <{self.tag}>, which has none that is known here")
+    def refuse_data(self, known: frozenset[str]) -> None:
+        """Refuse text that nobody asked for and that is not harmless."""
+        text = "".join(self.parts).strip()
+        if text and f"{DATA}={text}" not in known:
+            raise self.refuse(f"text in <{self.tag}> that is not known here: {text[:40]!r}")
 
     @property
     def text(self) -> str:

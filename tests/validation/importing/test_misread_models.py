@@ -102,6 +102,36 @@ def test_sets_whose_names_end_alike_are_two_supports(bring):
     assert fixed[4, 5, 6, 7] == (False, True, False)
 
 
+PART = (
+    ("*NODE,", "*PART, NAME=P\n*NODE,"),
+    (
+        "*MATERIAL",
+        "*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n*END INSTANCE\n*MORE\n"
+        "*END ASSEMBLY\n*MATERIAL",
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("*NSET, NSET=HELD, INSTANCE=P-1\n8", "set HELD of the part and of the assembly are two"),
+        ("*NODE\n1, 0., 0., 0.", r"\*NODE of the assembly, beside those of its part"),
+        ("*NSET, NSET=MORE, INSTANCE=Q-1\n8", "no part Q-1 in the assembly"),
+        ("*NSET, NSET=MORE, INSTANCE=P-1\n8", None),
+    ],
+)
+def test_a_part_and_its_assembly_have_names_of_their_own(bring, more, says):
+    text = deck("*HEADING", "*HEADING")
+    for old, new in PART:
+        text = text.replace(old, new.replace("*MORE", more), 1)
+    if says is None:
+        bring(text.replace("HELD, 1, 3", "P-1.HELD, 1, 3\nMORE, 1, 1"), ".inp")
+        return
+    with pytest.raises(ImportRefusedError, match=says):
+        bring(text, ".inp")
+
+
 def test_total_time_is_the_time_of_the_only_step(bring):
     plain, _ = bring(deck(AMPLITUDE, AMPLITUDE), ".inp")
     again, _ = bring(deck(AMPLITUDE, TOTAL), ".inp")
