@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -57,11 +58,13 @@ def require_outputs(
             raise OutputError(
                 path, f"{option} would overwrite an input ({read[file]}); name another file"
             )
-        if file in written:
+        # Small and capital letters are one where a file system does not distinguish them.
+        name = file if isinstance(file, tuple) else unicodedata.normalize("NFC", file).casefold()
+        if name in written:
             raise OutputError(
-                path, f"{option} and {written[file]} name one file; give each its own"
+                path, f"{option} and {written[name]} name one file; give each its own"
             )
-        written[file] = option
+        written[name] = option
         if not (force or may_replace(path)):
             raise OutputError(
                 path,
@@ -69,6 +72,16 @@ def require_outputs(
                 "name another file, or say --force",
             )
         guard(path, force=force)
+
+
+def require_reference_file(path: Path) -> None:
+    """Refuse a file of a reference to be that is no stored reference.
+
+    Raises:
+        OutputError: Somebody else's file has this name.
+    """
+    if not may_replace(path):
+        raise OutputError(path, "is no reference of palpate's, and would be replaced; move it")
 
 
 def require_case_folder(

@@ -139,6 +139,30 @@ def test_a_folder_of_somebody_else_stays(palpate_run: Run, project: Path, verb: 
     )
 
 
+@pytest.mark.dolfinx
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("reference build block.toml", "block.pending.npz"),
+        ("reference accept block.toml --reason new", "block.npz"),
+    ],
+)
+def test_what_is_no_reference_stays(palpate_run: Run, project: Path, words: str, name: str) -> None:
+    (project / "references").mkdir()
+    mine = project / "references" / name
+    np.savez(mine, displacement=np.zeros(3))
+    before = mine.read_bytes()
+    done = palpate_run(*words.split(), folder=project)
+    assert (done.returncode, "is no reference of palpate's" in done.stderr) == (2, True)
+    assert mine.read_bytes() == before
+
+
+def test_two_outputs_whose_names_differ_in_capitals_alone(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="name one file"):
+        require_outputs({"--json": tmp_path / "r.É", "--junit": tmp_path / "R.e\u0301"})
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_exported_case_in_which_somebody_put_a_file_of_his_own(
     palpate_run: Run, project: Path
 ) -> None:

@@ -17,6 +17,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.options import print_lines, progress_lines
+from palpate.validation.output_files import require_reference_file
 from palpate.validation.states import ExitCode, gravest
 from palpate.validation.versions import version_of
 
@@ -77,6 +78,7 @@ def build(names: Cases = None) -> None:
 
     for name in _chosen(names):
         case = load_case(name)
+        require_reference_file(pending_path(case.name, case.beside))
         request = truth_request(case)
         progress = progress_lines()
         clock, processor = time.perf_counter(), _processor_seconds()
@@ -202,6 +204,7 @@ def accept(
     for name in names:
         case = load_case(name)
         pending = pending_path(case.name, case.beside)
+        require_reference_file(accepted_path(case.name, case.beside))
         changes = describe_changes(accepted_path(case.name, case.beside), pending)
         acceptance = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
