@@ -28,18 +28,25 @@ from palpate.validation.peers.registry import Peer
 # What they name is imported or loaded, or decides how many threads add up.
 _VARIABLES = ("PYTHON", "LD_", "OMP_")
 # Of what an interpreter imports, size and time of every file: hashes of them take a minute.
+# Links are followed; palpate itself is hashed as such.
 _PROBE = """
 import hashlib, importlib.metadata, json, os, re, sys, sysconfig
 own = sysconfig.get_paths()
 folders = [p for p in sys.path if p not in ("", own["stdlib"], own["platstdlib"])]
-digest, count = hashlib.sha256(), 0
+digest, count, seen = hashlib.sha256(), 0, set()
+def add(path):
+    found = os.stat(path) if os.path.exists(path) else os.lstat(path)
+    digest.update(f"|{path}|{found.st_size}|{found.st_mtime_ns}".encode("utf-8", "replace"))
 for folder in [*folders, os.path.join(sys.prefix, "conda-meta")]:
-    for where, names, files in os.walk(folder):
-        names[:] = sorted(name for name in names if name != "__pycache__")
+    if os.path.isfile(folder):
+        add(folder)
+    for where, names, files in os.walk(folder, followlinks=True):
+        skipped = ("__pycache__", "palpate") if where == folder else ("__pycache__",)
+        seen.add(os.path.realpath(where))
+        names[:] = sorted(n for n in names if n not in skipped
+                          and os.path.realpath(os.path.join(where, n)) not in seen)
         for name in sorted(files):
-            path = os.path.join(where, name)
-            found = os.lstat(path)
-            digest.update(f"|{path}|{found.st_size}|{found.st_mtime_ns}".encode("utf-8", "replace"))
+            add(os.path.join(where, name))
         count += len(files)
         assert count < 1_000_000
 packages, linked = {}, []

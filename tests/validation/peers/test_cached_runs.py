@@ -131,6 +131,10 @@ def change_import_path(bench: Bench, _: pytest.MonkeyPatch) -> None:
     (bench.folder / "lib" / "solver.py").write_text("GRAVITY = 1.6\n", "utf-8")
 
 
+def change_linked_sources(bench: Bench, _: pytest.MonkeyPatch) -> None:
+    (bench.folder / "sources" / "law.py").write_text("NU = 0.499\n", "utf-8")
+
+
 def change_system(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(makers, "system_packages", lambda: {"packages of the system": "other"})
 
@@ -155,6 +159,7 @@ def change_palpate(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         (change_module, "adapters"),
         (change_variable, "variables"),
         (change_import_path, "modules"),
+        (change_linked_sources, "modules"),
         (change_system, "packages of the system"),
         (change_package, "numpy"),
         (change_palpate, "palpate"),
@@ -169,6 +174,9 @@ def test_where_what_made_it_has_changed_it_is_run_again_with_a_reason(
     library = bench.folder / "lib"
     library.mkdir()
     (library / "solver.py").write_text("GRAVITY = 9.81\n", "utf-8")
+    (bench.folder / "sources").mkdir()
+    (bench.folder / "sources" / "law.py").write_text("NU = 0.3\n", "utf-8")
+    (library / "tissue").symlink_to(bench.folder / "sources")
     paths = [str(library), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
     assert bench.runs(ADAPTED) == 1
