@@ -385,3 +385,18 @@ def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path:
     for text in (page, outputs.junit_xml([result]), outputs.summary_markdown([result])):
         assert STATED in text
         assert "backward-euler" in text
+
+
+def test_the_command_line_asks(case: Case, command_line: Any, capsys: Any) -> None:
+    path = sent(case.path.parent, swing(case))
+    for words, message in (
+        (("compare", case.path, path, "--time-step", "3e-3"), "not whole steps"),
+        (("compare", case.path, path, "--time-step", "1e-9"), "longer --time-limit"),
+        (("compare", case.path, path, "--integrator", "rk4"), "rk4"),
+        (("compare", case.path, path, "--contact", "facets"), "has no [tool]"),
+        (("gate", case.path, "--contact", "facets"), "has no [tool]"),
+        (("gate", "press", "--contact", "facets", "--expected"), "--contact"),
+        (("report", "press", "-o", path.parent / "x", "--law", "ogden", "--expected"), "--law"),
+    ):
+        assert command_line(*words) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
