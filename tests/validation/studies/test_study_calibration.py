@@ -15,6 +15,7 @@ from calibration_recipe.layers import layer_problem
 from calibration_recipe.plane import Plane, PlaneLoads, Section
 from calibration_recipe.shapes import confined_modulus
 from calibration_recipe.smooth import smooth_problem
+from scipy.optimize import brentq
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.material_law import Law
@@ -233,12 +234,7 @@ def williams(angle: float, nu: float, guess: float):
         wave = np.sin(power * angle) ** 2
         return wave - ((kappa + 1.0) ** 2 - 4.0 * (power * np.sin(angle)) ** 2) / (4.0 * kappa)
 
-    low, high = guess - 0.1, guess + 0.1
-    assert squared(low) * squared(high) < 0.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if squared(low) * squared(middle) > 0.0 else (low, middle)
-    power = 0.5 * (low + high)
+    power = brentq(squared, guess - 0.1, guess + 0.1, xtol=1e-15)
     _, values, right = np.linalg.svd(system(power))
     assert values[-1] < 1e-10 * values[0]
 
