@@ -23,13 +23,7 @@ from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import (
-    Element,
-    Inclusion,
-    Material,
-    Problem,
-    Strain,
-)
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
 # Of dividing the mass among the patches of the smoothed element; more gain a hundredth.

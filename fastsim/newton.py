@@ -87,16 +87,9 @@ class NewtonOutcome:
 class Newton:
     """Newton-Raphson on one problem, with its body and its counts of iterations.
 
-    Args:
-        problem: Mesh, material, supports, loads and springs.
-        strain: Strain measure.
-        relative_tolerance: Relative residual at which to stop.
-        max_iterations: Of one call of `solve`.
-        iteration: Consistent tangent, or the secant matrix of eq. 10.
-        element: Plain or smoothed.
-        is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
-            for eq. 9-10 as printed.
-        term: Further forces on the body; None is none.
+    It stops at a relative residual, or after so many iterations of a call of `solve`. Unless it
+    `is_guarded`, steps that invert a cell or blow up the residual are not shortened: eq. 9-10 as
+    printed, where `iteration` takes the secant matrix. `term` is further forces on the body.
     """
 
     def __init__(

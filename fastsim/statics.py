@@ -107,7 +107,23 @@ def solve_static(
         smoothed ones hardly, unless the body is only a cell or two thick.
     """
     if problem.tools:
-        return _with_tools(problem, strain, element, relative_tolerance, contact, progress)
+        found = solve_contact(
+            problem,
+            strain=strain,
+            element=element,
+            law=contact,
+            relative_tolerance=relative_tolerance,
+            progress=progress,
+        )
+        return StaticResult(
+            displacement=found.displacements[-1],
+            strain=strain,
+            iterations=found.iterations,
+            linear_iterations=found.linear_iterations,
+            residual_history=found.residual_history,
+            load_steps=(1.0,),
+            smallest_det_f=float(found.smallest_det_f[-1]),
+        )
     require_supported(problem)
     newton = Newton(problem, strain, relative_tolerance, max_iterations, iteration, element=element)
     factor, step = 0.0, 1.0
@@ -147,33 +163,6 @@ def solve_static(
         residual_history=tuple(outcome.history),
         load_steps=tuple(accepted),
         smallest_det_f=newton.body.smallest_det_f(displacement)[0],
-    )
-
-
-def _with_tools(
-    problem: Problem,
-    strain: Strain,
-    element: Element,
-    relative_tolerance: float,
-    contact: ContactLaw | None,
-    progress: Callable[[str], None] | None,
-) -> StaticResult:
-    found = solve_contact(
-        problem,
-        strain=strain,
-        element=element,
-        law=contact,
-        relative_tolerance=relative_tolerance,
-        progress=progress,
-    )
-    return StaticResult(
-        displacement=found.displacements[-1],
-        strain=strain,
-        iterations=found.iterations,
-        linear_iterations=found.linear_iterations,
-        residual_history=found.residual_history,
-        load_steps=(1.0,),
-        smallest_det_f=float(found.smallest_det_f[-1]),
     )
 
 

@@ -30,11 +30,9 @@ def require_positive(**lengths: float) -> None:
 def shape_box(
     size: tuple[float, float, float] = (1.0, 1.0, 1.0), *, edge_length: float
 ) -> TriSurface:
-    """A box from the origin to `size`, facets on regular grids with alternating diagonals.
+    """A box from the origin to `size` [m], facets on regular grids with alternating diagonals.
 
-    Args:
-        size: Lengths along x, y, z [m], each > 0.
-        edge_length: Wanted length of the grid's edges [m], > 0; rounded to divide each side.
+    Edges of the grid have about a wanted length [m], which is rounded to divide each side.
     """
     require_positive(x=size[0], y=size[1], z=size[2], edge_length=edge_length)
     counts = [max(1, round(length / edge_length)) for length in size]
@@ -65,11 +63,7 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
     """A sphere about the origin: an icosahedron, each side cut in equal parts, pushed out.
 
     Every point lies on the sphere to rounding. The number of parts is the one whose mean edge
-    comes closest to `edge_length`.
-
-    Args:
-        radius: [m], > 0.
-        edge_length: Wanted mean edge length [m], > 0.
+    comes closest to `edge_length` [m].
     """
     require_positive(radius=radius, edge_length=edge_length)
     # 10 n^2 + 2 points on an area of 4 pi R^2: equilateral triangles of that density.
@@ -111,12 +105,9 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
 
 
 def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSurface:
-    """A cylinder about the z axis from z = 0 to `height`, caps of concentric rings.
+    """A cylinder about the z axis from z = 0 to `height` [m], caps of concentric rings.
 
-    Args:
-        radius: [m], > 0; the points of the mantle lie on it.
-        height: [m], > 0.
-        edge_length: Wanted edge length [m], > 0.
+    The points of the mantle lie on it; edges have about a wanted length [m].
     """
     require_positive(radius=radius, height=height, edge_length=edge_length)
     around = max(6, round(2.0 * math.pi * radius / edge_length))
@@ -221,12 +212,9 @@ Quad = tuple[int, int, int, int]
 
 
 def shape_hollow_sphere(radius: float, inner_radius: float, *, edge_length: float) -> TriSurface:
-    """A thick sphere about the origin: two spheres, the inner one turned inside out.
+    """A thick sphere about the origin, of radii [m]: two spheres, the inner one turned inside out.
 
-    Args:
-        radius: Outer [m].
-        inner_radius: [m], below `radius`.
-        edge_length: Wanted mean edge length of both [m].
+    The wanted mean edge length [m] is that of both.
 
     Raises:
         InputError: A length that is not above 0, or no wall.
@@ -239,14 +227,10 @@ def shape_hollow_sphere(radius: float, inner_radius: float, *, edge_length: floa
 
 
 def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: float) -> TriSurface:
-    """The eighth of a thick sphere with x, y, z >= 0, its flat faces on the planes x, y, z = 0.
+    """The eighth of a thick sphere, of radii [m], with x, y, z >= 0, flat on x, y, z = 0.
 
-    With supports that let these faces slide it stands for the whole sphere under symmetric loads.
-
-    Args:
-        radius: Outer [m].
-        inner_radius: [m], below `radius`.
-        edge_length: Wanted edge length [m]: the mean on the outer sphere, and across the wall.
+    With supports that let the flat faces slide it stands for the whole sphere under symmetric
+    loads. The wanted edge length [m] is the mean on the outer sphere, and that across the wall.
 
     Raises:
         InputError: A length that is not above 0, or no wall.
@@ -287,13 +271,9 @@ def shape_hollow_octant(radius: float, inner_radius: float, *, edge_length: floa
 def shape_tube(
     radius: float, inner_radius: float, height: float, *, edge_length: float
 ) -> TriSurface:
-    """A tube about the z axis from z = 0 to `height`.
+    """A tube about the z axis from z = 0 to `height`, of radii [m]; the mantle's points lie on it.
 
-    Args:
-        radius: Outer [m]; the points of the mantle lie on it.
-        inner_radius: [m], below `radius`.
-        height: [m].
-        edge_length: Wanted edge length on the outer mantle, and across the wall [m].
+    The wanted edge length [m] is that on the outer mantle, and across the wall.
 
     Raises:
         InputError: A length that is not above 0, or no wall.

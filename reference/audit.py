@@ -41,15 +41,10 @@ def audit_displacement(
     element: Element = Element.LINEAR,
     progress: Callable[[str], None] | None = None,
 ) -> Audit:
-    """Measure a displacement against the equations it should satisfy.
+    """Measure a displacement [m], linear between the mesh's points, against its equations.
 
-    Args:
-        problem: Mesh, material, supports and loads.
-        displacement: At the mesh's points [m], shape (num_points, 3); linear in between.
-        strain: Strain measure of the model.
-        degree: Of the equations, 1 to 3: 1 judges the solver, 2 the mesh too.
-        element: Of the equations; smoothed ones are of degree 1.
-        progress: Called with one line of text now and then.
+    `degree` is that of the equations, 1 to 3: 1 judges the solver, 2 the mesh too; smoothed
+    tetrahedra are of degree 1.
 
     Raises:
         InputError: The problem cannot be used, or the displacement has the wrong shape or a value

@@ -68,18 +68,14 @@ def run_child(
 ) -> tuple[int, str]:
     """Run a command; it and the processes that it starts end at the latest with this process.
 
-    Args:
-        command: Program and arguments.
-        time_limit: The command and its own children are ended after this [s], > 0.
-        progress: Called with one line of text now and then.
-        temporaries: Folder for files of MPI and compilers, which a killed child leaves.
+    `temporaries` is a folder for files of MPI and compilers, which a killed child leaves.
 
     Returns:
         The exit status and the last lines of the command's standard error.
 
     Raises:
         InputError: The time limit is not above 0.
-        ReferenceTimeoutError: The command did not end within the time limit.
+        ReferenceTimeoutError: The command did not end within the time limit [s].
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")

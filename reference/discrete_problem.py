@@ -351,20 +351,11 @@ def internal_force(
     inclusions: Sequence[Inclusion] = (),
     element: Element = Element.LINEAR,
 ) -> Points:
-    """Assemble nodal internal forces, f_a = integral of P grad N_a over the rest volume (eq. 1).
+    """Nodal internal forces, f_a = integral of P grad N_a over the rest volume (eq. 1) [N].
 
-    Args:
-        mesh: Rest mesh.
-        displacement: At the mesh's points [m], shape (num_points, 3); linear in between.
-        material: Elastic constants.
-        strain: Strain measure.
-        degree: Polynomial degree of the test functions N.
-        inclusions: Cells with other elastic constants.
-        element: Smoothed tetrahedra are of degree 1.
-
-    Returns:
-        Internal force at the mesh's points [N], shape (num_points, 3). For degree 1 it sums to
-        zero over the body; for higher degrees only together with the other nodes.
+    Of a displacement at the mesh's points [m], linear in between, with test functions N of a
+    degree; at the points, shape (num_points, 3). For degree 1 it sums to zero over the body; for
+    higher degrees only together with the other nodes. Smoothed tetrahedra are of degree 1.
 
     Raises:
         InputError: Wrong shape, a value that is not finite, or smoothed tetrahedra of another

@@ -79,10 +79,7 @@ class ReferenceNotConvergedError(ReferenceFailedError):
 class ReferenceBlowUpError(ReferenceFailedError):
     """The displacements of an explicit run are no longer finite.
 
-    Attributes:
-        step: Number of accepted time steps.
-        time: Time of the last accepted state [s].
-        displacement: Displacement of the last accepted state [m], shape (num_points, 3).
+    `.step` is the number of accepted steps, `.time` [s] and `.displacement` [m] the last state's.
     """
 
     def __init__(self, step: int, time: float, displacement: Points) -> None:
@@ -96,13 +93,9 @@ class ReferenceBlowUpError(ReferenceFailedError):
 
 
 class ReferenceStepError(ReferenceFailedError):
-    """A time step of implicit dynamics has no solution, however short.
+    """A time step of implicit dynamics has no solution, however short; `.reason` says why.
 
-    Attributes:
-        time: Time of the last accepted state [s].
-        time_step: The shortest step tried [s].
-        reason: Why the step failed.
-        displacement: Displacement of the last accepted state [m], shape (num_points, 3).
+    `.time_step` [s] is the shortest tried, `.time` [s] and `.displacement` [m] the last state's.
     """
 
     def __init__(self, time: float, time_step: float, reason: str, displacement: Points) -> None:

@@ -159,11 +159,7 @@ def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
 def function_space(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
     """Return the space of scalars, of vectors (3,) or of tensors (3, 3) of a polynomial degree.
 
-    Args:
-        mesh: The dolfinx mesh.
-        family: "Lagrange", continuous; or "DG", which for degree 0 is constant in each cell.
-        degree: Polynomial degree.
-        shape: Shape of the values.
+    Of the family "Lagrange", continuous; or "DG", which for degree 0 is constant in each cell.
     """
     if _IS_OLD:
         kinds = (fem.FunctionSpace, fem.VectorFunctionSpace, fem.TensorFunctionSpace)

@@ -113,12 +113,9 @@ class Steps:
 def stated_steps(problem: Problem, method: str) -> tuple[TimeSpan, float, int]:
     """Time span, time step [s], and whole steps from one output to the next.
 
-    Args:
-        problem: A problem with a time span and its time step.
-        method: Name of the method that needs them, for the message.
-
     Raises:
-        InputError: There is no time step, or outputs are not whole steps apart.
+        InputError: There is no time step, which `method` needs, or outputs are not whole steps
+            apart.
     """
     span = problem.time
     if span is None or span.time_step is None:
@@ -149,11 +146,7 @@ def amplification(integrator: Integrator, omega_dt: float) -> complex:
     """Amplification factor z of an undamped oscillation u'' = -omega^2 u: states go as z^n [-].
 
     Of the two factors of a second-order equation the one with arg z > 0; of the four of BDF2 that
-    which tends to exp(i omega dt).
-
-    Args:
-        integrator: The scheme.
-        omega_dt: Angle of a step omega dt [rad], > 0.
+    which tends to exp(i omega dt), for an angle of a step omega dt > 0 [rad].
 
     Raises:
         InputError: The step is not above 0, or an explicit scheme is unstable.

@@ -190,10 +190,8 @@ class Smoothing:
 class SmoothedBody:
     """The stress of a displacement, whose values may change, by averaged strains and volumes.
 
-    Attributes:
-        stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
-        coefficients: Coefficients of the forms to be updated to u before `update`.
-        smoothing: The averages.
+    `stress` is the second Piola-Kirchhoff stress of `u` in UFL [Pa], Cauchy's under linear strain;
+    `coefficients` are those of the forms to be updated to u before `update`.
 
     Raises:
         InputError: The degree is not 1, or there is more than one rank.

@@ -76,12 +76,10 @@ def simulate_by(
         integrator: The scheme; its equations are in `schemes`.
         strain: Strain measure.
         element: SMOOTHED averages strains over edges and nodes; not under mpirun.
-        displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
-        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Values of fixed
-            components are ignored.
-        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
-            takes each load's own.
-        support_amplitude: The same for the supports' displacements.
+        displacement: See `simulate_implicit`.
+        velocity: See `simulate_implicit`; values of fixed components are ignored.
+        amplitude: See `simulate_implicit`.
+        support_amplitude: See `simulate_implicit`.
         relative_tolerance: Tolerance of each step: norm of the free out-of-balance nodal forces
             over the largest of those of internal, external and inertial ones [-].
         progress: Called with one line of text now and then.
@@ -163,10 +161,7 @@ def simulate_by(
 class SteppedBody(MovingBody):
     """A body with lumped mass, and Newton's method for the equations of an implicit step.
 
-    Attributes:
-        tolerance: Relative residual of a step [-].
-        iterations: Number of linear solves so far.
-        largest_residual: Largest relative residual of the steps so far [-].
+    It counts linear solves, and the largest relative residual of its steps [-], to a `tolerance`.
     """
 
     tolerance = 1e-10

@@ -9,11 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim.condensed.elimination import (
-    components_of,
-    condense_matrix,
-    invert_in_place,
-)
+from palpate.fastsim.condensed.elimination import components_of, condense_matrix, invert_in_place
 from palpate.fastsim.condensed.model import CondensedModel, model_key, read_model
 from palpate.fastsim.condensed.setup import (
     COLUMNS,

@@ -74,13 +74,11 @@ def condense_matrix(
 ) -> Condensed:
     """Eliminate all points that are not retained, in the order of a dissection.
 
-    Args:
-        graph: Graph of the matrix.
-        blocks: Its 3 x 3 blocks, symmetric and positive definite, shape (num_entries, 3, 3).
-        loads: Right-hand sides, shape (3 num_points, num_columns).
-        dissection: The order.
-        keeps_couplings: Whether to store the couplings that `Condensed.extend` needs.
-        progress: Called with one line now and then.
+    Of a symmetric, positive definite matrix of 3 x 3 blocks, (num_entries, 3, 3), with a graph, and
+    right-hand sides, (3 num_points, num_columns). Couplings are what `Condensed.extend` needs.
+
+    Raises:
+        numpy.linalg.LinAlgError: A front that is singular.
     """
     kept = dissection.kept
     num_points = len(graph.row_start) - 1

@@ -177,11 +177,44 @@ class CondensedModel:
         seen = self.displacement(
             forces, load_factor=load_factor, support_factors=support_factors, anchors=moved
         )
-        return _extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
+        touched = seen[len(self.seen) - len(self.touched) :]
+        problem, supports = self.problem, FixedPoints(self.problem)
+        fields = prescribed_fields_of(problem, supports, self.terms)
+        prescribed = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
+        at_touched = np.zeros_like(problem.mesh.points)
+        at_touched[self.touched] = touched
+        # Free components follow the elimination; fixed ones are where their supports put them.
+        is_free = supports.is_free != 0
+        own = np.where(is_free, supports.to_local(at_touched), 0.0)[self.touched]
+        found = self.inside.extend(own.reshape(-1, 1), problem.mesh.num_points, factors[:, None])
+        return supports.to_global(np.where(is_free, found.reshape(-1, 3), prescribed))
 
     def save(self, path: str | Path) -> None:
         """Write the model to an .npz, whole or not at all, with its inside where it was stored."""
-        _write_model(path, self)
+        inside = self.inside
+        couplings = [] if inside is None else inside.couplings
+        offsets = [] if inside is None else inside.offsets
+        given = {
+            "version": _VERSION,
+            "key": self.key,
+            "made": self.made or date_now(),
+            "made_by": palpate_hash(),
+            "precision": self.precision.value,
+            "element": self.element.value,
+            "touched": self.touched,
+            "seen": self.seen,
+            "blocks": self.blocks,
+            "load_displacement": self.load_displacement,
+            "terms": np.array(self.terms, dtype=np.int64).reshape(-1, 2),
+            "term_displacements": self.term_displacements,
+            "anchor_displacements": self.anchor_displacements,
+            "has_inside": inside is not None,
+            "couplings": _in_a_row(couplings),
+            "offsets": _in_a_row(offsets),
+        }
+        fields = {name: np.asarray(value) for name, value in given.items()}
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, **fields, sha256=np.array(content_hash(fields)))
 
     def _checked(self, forces: ArrayLike) -> Points:
         f = np.ascontiguousarray(forces, dtype=np.float64)
@@ -210,34 +243,6 @@ def model_key(setup: CondensedSetup, precision: CompliancePrecision) -> str:
         digest.update(f"|{array.dtype.str}|{array.shape}|".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def _write_model(path: str | Path, model: CondensedModel) -> None:
-    """Write a model, whole or not at all, with its inside where it was stored."""
-    inside = model.inside
-    couplings = [] if inside is None else inside.couplings
-    offsets = [] if inside is None else inside.offsets
-    given = {
-        "version": _VERSION,
-        "key": model.key,
-        "made": model.made or date_now(),
-        "made_by": palpate_hash(),
-        "precision": model.precision.value,
-        "element": model.element.value,
-        "touched": model.touched,
-        "seen": model.seen,
-        "blocks": model.blocks,
-        "load_displacement": model.load_displacement,
-        "terms": np.array(model.terms, dtype=np.int64).reshape(-1, 2),
-        "term_displacements": model.term_displacements,
-        "anchor_displacements": model.anchor_displacements,
-        "has_inside": inside is not None,
-        "couplings": _in_a_row(couplings),
-        "offsets": _in_a_row(offsets),
-    }
-    fields = {name: np.asarray(value) for name, value in given.items()}
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **fields, sha256=np.array(content_hash(fields)))
 
 
 def content_hash(fields: Mapping[str, NDArray[Any]]) -> str:
@@ -336,23 +341,3 @@ def _cut(numbers: Floats, shapes: Sequence[tuple[int, int]]) -> list[Floats]:
         raise ValueError(f"the inside has {numbers.size} numbers, not {sum(sizes)}")
     pieces = np.split(numbers, np.cumsum(sizes)[:-1]) if sizes else []
     return [piece.reshape(shape) for piece, shape in zip(pieces, shapes, strict=True)]
-
-
-def _extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Points:
-    """Displacement of all points from that of the touched ones [m], shape (num_points, 3).
-
-    `factors` are those of the loads and of each term, then displacements of the anchors [m].
-    """
-    assert model.inside is not None
-    problem = model.problem
-    supports = FixedPoints(problem)
-    fields = prescribed_fields_of(problem, supports, model.terms)
-    prescribed = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
-    at_touched = np.zeros_like(problem.mesh.points)
-    at_touched[model.touched] = touched
-    # Free components follow the elimination; fixed ones are where their supports put them.
-    own = np.where(supports.is_free != 0, supports.to_local(at_touched), 0.0)[model.touched]
-    found = model.inside.extend(
-        own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]
-    ).reshape(-1, 3)
-    return supports.to_global(np.where(supports.is_free != 0, found, prescribed))

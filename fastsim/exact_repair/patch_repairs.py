@@ -12,12 +12,7 @@ from palpate.fastsim.surface_remesher import facet_distances
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
 from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
-from palpate.meshes.triangles import (
-    edge_uses,
-    facet_normals,
-    side_lengths,
-    unit_normals_at_points,
-)
+from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths, unit_normals_at_points
 
 Mask = NDArray[np.bool_]
 # Rings around the facets that cross: a fold is a few facets wide.

@@ -43,11 +43,7 @@ class RepairedSolid:
 
 
 def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -> RepairedSolid:
-    """Make a surface bound a solid without crossings, as far as that can be done.
-
-    Args:
-        surface: Any [m].
-        choices: What may be done.
+    """Make a surface [m] bound a solid without crossings, as far as that can be done.
 
     Raises:
         SurfaceError: What cannot be repaired, with the facets at fault.

@@ -22,13 +22,7 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Strain
-from palpate.meshes.rigid_tool import (
-    BoxShape,
-    CapsuleShape,
-    PlaneShape,
-    SphereShape,
-    ToolShape,
-)
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, PlaneShape, SphereShape, ToolShape
 
 # Corners of the six edges of a cell, as core/mechanics/smoothing_patches.hpp.
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])

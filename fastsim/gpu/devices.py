@@ -85,13 +85,7 @@ def warp_name(device: str) -> str:
 
 @dataclass(eq=False, repr=False)
 class DeviceUnavailableError(InputError):
-    """A device that this machine does not have; `.device`, `.devices`.
-
-    Attributes:
-        device: The device that was requested.
-        devices: Those of this machine; empty where Warp is not installed.
-        remedy: What to do.
-    """
+    """A device that this machine does not have; `.device`, `.devices` it has, `.remedy`."""
 
     device: str
     devices: tuple[str, ...]

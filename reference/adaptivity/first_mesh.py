@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.refinement import refine_cells
-from palpate.meshes.rigid_tool import (
-    BoxShape,
-    CapsuleShape,
-    SphereShape,
-    SurfaceShape,
-    ToolShape,
-)
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape, SurfaceShape, ToolShape
 from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.reference.contact.tool_distance import tool_distance
 
