@@ -246,10 +246,10 @@ LINES = {
         "issue 34: outputs, signals, lost files, stated equations, stale results, imports",
     ),
     "validation/candidates": (1530, "issue 34: what is asked for beside what a result states"),
-    "validation/case": (3200, "as of 24 November 2026"),
+    "validation/case": (3160, "issue 33: shorter internal texts"),
     "validation/commands": (2170, "issue 34: equations are asked for by options"),
-    "validation/diagnosis": (2300, "as of 24 November 2026"),
-    "validation/documentation": (1050, "as of 24 November 2026"),
+    "validation/diagnosis": (2200, "issue 33: one module of checks of laws"),
+    "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),
     "validation/importing": (3040, "issue 34: what is not understood is refused, one routine"),
@@ -258,11 +258,11 @@ LINES = {
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
-    "validation/metrics": (4500, "as of 24 November 2026"),
+    "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
     "validation/peers": (5900, "as of 24 November 2026"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
-    "validation/report": (3300, "as of 24 November 2026"),
-    "validation/studies": (4300, "as of 24 November 2026"),
+    "validation/report": (3150, "issue 33: helpers of one caller stand there"),
+    "validation/studies": (3800, "issue 33: what tests prove is no study"),
 }
 
 
