@@ -63,7 +63,7 @@ def read_abaqus(path: Path) -> Model:
     mesh = AbaqusMesh(cards)
     materials = _materials(cards)
     sections = [card for card in cards if card.keyword == "SOLID SECTION"]
-    bodies, body_of = _bodies(path, mesh, materials, sections)
+    bodies, body_of = _bodies(mesh, materials, sections)
     notes = mesh.notes()
     for body in bodies:
         if "law" in body.constants and not is_green:
@@ -148,9 +148,8 @@ def _step(path: Path, cards: list[Card]) -> tuple[bool, float]:
     if step is None or static is None:
         unread = [card for card in cards if card.read is None and card.keyword not in _MODEL]
         left_out(unread, harmless("abaqus"))
-        raise ImportRefusedError(
-            path, None, "has no *STEP with *STATIC: an import is of equilibrium"
-        )
+        reason = "has no *STEP with *STATIC: an import is of equilibrium"
+        raise ImportRefusedError(path, cards[-1].line if cards else None, reason)
     if not is_ended:
         raise step.refuse("the step has no *END STEP: the file may be cut off")
     step.require_usual("NLGEOM", "", "NO", "YES", reason="known is YES or NO")
@@ -233,7 +232,7 @@ def _materials(cards: list[Card]) -> dict[str, Body]:
 
 
 def _bodies(
-    path: Path, mesh: AbaqusMesh, materials: dict[str, Body], sections: list[Card]
+    mesh: AbaqusMesh, materials: dict[str, Body], sections: list[Card]
 ) -> tuple[list[Body], NDArray[np.int64]]:
     """Materials in use, and of each cell the index of its own."""
     names: list[str] = []
@@ -251,7 +250,8 @@ def _bodies(
         body_of[rows] = names.index(name)
     for cell in mesh.cells if (body_of < 0).any() else ():
         if (body_of[mesh.rows_of([cell])] < 0).any():
-            raise ImportRefusedError(path, None, f"element {cell} is in no *SOLID SECTION")
+            card = next(card for card, labels in mesh.blocks if cell in labels)
+            raise card.refuse(f"element {cell} is in no *SOLID SECTION")
     return [materials[name] for name in names], body_of
 
 
@@ -392,6 +392,7 @@ class _Loads:
         if axis not in (0, 1, 2):
             raise source.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
         value = factor * number(fields[2], source, "*CLOAD")
+        self.model.pushed_at = self.model.pushed_at or source
         for node in self.mesh.nodes_of(fields[0], source):
             row = self.mesh.row_of[node]
             other = self.pushed.setdefault((row, axis), source)

@@ -33,8 +33,8 @@ _DEEPEST = 8
 _MOST_FILES = 100
 # Most numbers that all sets, surfaces and loads name together: a gigabyte.
 _MOST_NAMED = 10_000_000
-# A data line has as many, and CalculiX reads so much of a number: splitline.f, f20.0.
-_MOST_FIELDS, _MOST_DIGITS = 16, 20
+# So much does CalculiX read of a number: f20.0 in its sources.
+_MOST_DIGITS = 20
 _PARTS = re.compile(r'\s*("[^"]*"|[^,]*)\s*(?:,|$)')
 
 
@@ -140,8 +140,6 @@ class _Reader:
         if not self.cards:
             raise Source(path, number).refuse(f"data before any keyword: {line[:40]!r}")
         fields = [text.strip() for text in line.split(",")]
-        if len(fields) > _MOST_FIELDS and self.cards[-1].keyword != "HEADING":
-            raise Source(path, number).refuse(f"more than {_MOST_FIELDS} fields in a line")
         self.cards[-1].lines.append((Source(path, number), fields))
 
 
@@ -205,6 +203,7 @@ class AbaqusMesh:
     Attributes:
         tetrahedra: Rows of nodes, of all cells; `row_of` says of each node which row it is.
         kinds: Of each type of element how many there are.
+        blocks: Cards of elements, with their numbers.
     """
 
     def __init__(self, cards: Sequence[Card]) -> None:
@@ -214,6 +213,7 @@ class AbaqusMesh:
         self.cell_sets: dict[str, list[int]] = {}
         self.surfaces: dict[str, list[tuple[int, int]]] = {}
         self.kinds: dict[str, int] = {}
+        self.blocks: list[tuple[Card, list[int]]] = []
         self._num_named = 0
         # Sets that others were made of, and the part's name in its assembly.
         self._taken: set[tuple[str, str]] = set()
@@ -298,6 +298,7 @@ class AbaqusMesh:
         if words:
             raise card.refuse("an element is cut off")
         self.kinds[kind] = self.kinds.get(kind, 0) + len(new)
+        self.blocks.append((card, new))
         if card.get("ELSET") is not None:
             self.cell_sets.setdefault(card.label("ELSET"), []).extend(new)
 

@@ -25,6 +25,7 @@ from palpate.validation.importing.model import (
     FixedNodes,
     ImportRefusedError,
     Model,
+    Source,
     UnitSystem,
 )
 from palpate.validation.importing.nodal_forces import fit_body_force, fit_tractions
@@ -262,9 +263,7 @@ class _Tables:
         unused[list(self.ends)] = False
         if unused.any():
             label = int(model.labels[np.argmax(unused)])
-            raise ImportRefusedError(
-                model.path, None, f"a force on node {label}, which no element has"
-            )
+            raise self._pushed_at().refuse(f"a force on node {label}, which no element has")
         corners = self.node_of[self.mesh.boundary_facets]
         edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
         found = [self.middle_of.get((a, b), -1) for a, b in edges.reshape(-1, 2).tolist()]
@@ -302,6 +301,9 @@ class _Tables:
             )
         self._point_forces(left)
 
+    def _pushed_at(self) -> Source:
+        return self.model.pushed_at or Source(self.model.path, 1)
+
     def _point_forces(self, forces: Points) -> None:
         model, loaded = self.model, np.flatnonzero(forces.any(axis=1))
         if not len(loaded):
@@ -316,11 +318,9 @@ class _Tables:
         elif len(kinds) > MOST_TABLES:
             trouble = f"they are {len(kinds)} different ones (at most {MOST_TABLES} here)"
         if trouble:
-            raise ImportRefusedError(
-                model.path,
-                None,
+            raise self._pushed_at().refuse(
                 f"forces on {len(loaded)} nodes are those of no uniform or affine traction, and "
-                f"{trouble}; give a pressure or a traction on the face instead",
+                f"{trouble}; give a pressure or a traction on the face instead"
             )
         for number, force in enumerate(kinds):
             name = self._name(f"forces-{number + 1}")

@@ -321,6 +321,7 @@ class _Loads:
 
     def _nodal(self, load: Element) -> None:
         kind = load.word("type", "nodal_load")
+        self.model.pushed_at = self.model.pushed_at or load.source
         nodes = self.mesh.nodes_of(load)
         if kind == "nodal_force":
             _no_shell(load)

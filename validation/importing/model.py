@@ -97,6 +97,7 @@ class Model:
         notes: What a reader has to know: what was read into something else than it says.
         ignored: What was left out because it changes no mechanics, with its line.
         units: The system that the file states, and where.
+        pushed_at: Where the first force on a node stands.
     """
 
     path: Path
@@ -117,6 +118,7 @@ class Model:
     notes: list[str] = field(default_factory=list)
     ignored: list[str] = field(default_factory=list)
     units: tuple[UnitSystem, Source] | None = None
+    pushed_at: Source | None = None
 
     def __post_init__(self) -> None:
         if not len(self.forces):

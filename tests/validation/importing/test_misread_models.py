@@ -65,6 +65,10 @@ CLASSES = [
     ("*MATERIAL", f"{CLOAD}\n*MATERIAL", r"\*CLOAD stands in a \*STEP"),
     ("HELD, 1, 3", "HELD, 1, 3, 0.5", "what moves stands in the step"),
     ("*END STEP", "", r"no \*END STEP"),
+    ("*STEP, NLGEOM\n*STATIC\n0.25, 1.\n", "", r"\*CLOAD stands in a \*STEP"),
+    ("ELSET=ALL\n1,", "ELSET=FEW\n1,", "no set 'ALL'"),
+    ("*MATERIAL", "*NODE\n9, 0., 0., 0.\n*MATERIAL", None),
+    ("\n8, 3, 0.02", "\n8, 3, 0.02\n9, 3, 1.\n", "no node 9"),
     # Names: of a part that is none, in quotes, with spaces.
     ("HELD, 1, 3", "OTHER.HELD, 1, 3", "no set 'OTHER.HELD'"),
     ("HELD, 1, 3", '"held", 1, 3', "no set 'held'"),

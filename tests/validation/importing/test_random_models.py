@@ -32,7 +32,7 @@ def imported(path, units):
     try:
         import_model(path, target, units)
     except ImportRefusedError as error:
-        if error.line is None and "no *STEP" not in error.reason:
+        if error.line is None:
             raise
         return None
     except InputError:
