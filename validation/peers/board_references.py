@@ -27,6 +27,7 @@ from palpate.meshes.problem import Problem, Strain, with_law
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.cached_results import CachedResult, ResultCache, made_here, text_hash
+from palpate.validation.candidates.equations import TIME_LIMIT
 from palpate.validation.case import Case
 from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.case_references import are_the_cases, find_references
@@ -238,7 +239,9 @@ class OwnSteps:
         if known and known[1] and (OF_ELEMENT[element], strain) in known[1].states:
             return known[1].states[OF_ELEMENT[element], strain]
         try:
-            state = solve_by_steps(problem, strain, steps, self.progress, element=element)
+            state = solve_by_steps(
+                problem, strain, steps, self.progress, element=element, time_limit=TIME_LIMIT
+            )
         except (ReferenceFailedError, InputError):
             return None
         if not np.isfinite(state.displacements).all():

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.judging.checks import STATED
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope, error_name
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.states import Verdict
@@ -109,10 +110,16 @@ def _answer(result: CaseResult, far: Sequence[CheckResult]) -> str:
     if result.verdict is Verdict.PASSED:
         return f"Close enough: {_distance(far[0])}." if far else ""
     wrong = [c for c in result.checks if c.verdict is Verdict.FAILED]
+    is_good = all(c.verdict in (Verdict.PASSED, Verdict.SKIPPED) for c in result.checks)
+    if result.verdict is Verdict.INCONCLUSIVE and is_good:
+        return "What was checked does not support a verdict; a line below says why."
     if result.verdict is not Verdict.FAILED or not wrong:
         return "The reference does not allow a verdict: it may be close enough, or not."
     same = [c for c in wrong if c.against == "same_mesh" and c.value is not None]
     worst = max(same, key=_used, default=None) or next((c for c in far if c in wrong), None)
+    stated = next((c for c in wrong if c.metric == STATED), None)
+    if worst is None and stated is not None:
+        return f"It says that it solved other equations: {stated.message}."
     if worst is None:
         return "A check of the result itself failed."
     who = next((j.name for j in result.candidates if j.element is worst.element), "")

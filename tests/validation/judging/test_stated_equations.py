@@ -38,6 +38,7 @@ from palpate.validation.references.reference_set import (
 )
 from palpate.validation.references.runs import solve_by_steps
 from palpate.validation.report.html import write_report
+from palpate.validation.report.trust import trust_of
 from palpate.validation.states import Precision, State, Verdict, in_silence
 
 STATED = "stated_equations"
@@ -274,6 +275,7 @@ def test_the_caller_asks_for_steps_and_the_result_agrees(
     # Solved right by such steps is not right.
     assert result.verdict is Verdict.INCONCLUSIVE
     assert any("how far such steps lead from the case's motion" in n for n in result.notes)
+    assert "does not support a verdict" in trust_of(result).answer
     # The case's own steps, said in full, are no others.
     own = AskedSteps(Integrator.CENTRAL_DIFFERENCES, 5e-4)
     assert judged(case, monkeypatch, AGREES, asked={"asked": own}).verdict is Verdict.PASSED
@@ -382,6 +384,7 @@ def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path:
     assert [c["verdict"] for c in row["checks"] if c["metric"] == STATED] == ["failed"]
     assert {pair.change for pair in compare_runs(path, path).pairs} == {"same"}
     page = write_report([result], tmp_path).read_text("utf-8")
+    assert "It says that it solved other equations: the result states backward-euler" in page
     for text in (page, outputs.junit_xml([result]), outputs.summary_markdown([result])):
         assert STATED in text
         assert "backward-euler" in text
