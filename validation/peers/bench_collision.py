@@ -11,6 +11,7 @@ Missed and extra pairs of tools in single precision lie on sides of cells.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.transforms import rotation
 from palpate.validation.peers.bench import Benchmark, Row, Scene
 from palpate.validation.peers.registry import OURS, Tool, tools_for
 from palpate.validation.peers.timing import Child, Schedule
@@ -64,11 +66,8 @@ def make_bodies(divisions: int, arrangement: str) -> dict[str, NDArray[np.generi
 
 
 def _turned(about_z: float, about_x: float) -> Points:
-    c, s = np.cos(about_z), np.sin(about_z)
-    d, t = np.cos(about_x), np.sin(about_x)
-    turn: Points = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
-        [[1.0, 0.0, 0.0], [0.0, d, -t], [0.0, t, d]]
-    )
+    once = rotation((1.0, 0.0, 0.0), math.degrees(about_x))
+    turn: Points = rotation((0.0, 0.0, 1.0), math.degrees(about_z)) @ once
     return turn
 
 
