@@ -53,11 +53,15 @@ def may_replace(path: str | Path) -> bool:
 
 def guard(path: str | Path, *, force: bool = False) -> None:
     """Let `own_path` replace this file only where `may_replace` still allows it, or by force."""
-    target = Path(os.path.realpath(path))
     if force:
-        _guarded.discard(target)
+        _guarded.difference_update(_names(path))
     else:
-        _guarded.add(target)
+        _guarded.update(_names(path))
+
+
+def _names(path: str | Path) -> set[Path]:
+    """As it is named and where it leads: a folder may become a link while a run computes."""
+    return {Path(path).absolute(), Path(os.path.realpath(path))}
 
 
 @contextmanager
@@ -72,7 +76,7 @@ def own_path(path: str | Path) -> Iterator[Path]:
     with atomic_path(path) as temporary:
         yield temporary
         add_mark(temporary)
-        if target in _guarded and not may_replace(target):
+        if _names(path) & _guarded and not may_replace(target):
             beside = target.with_name(f"{target.stem}-{secrets.token_hex(3)}{target.suffix}")
             temporary.replace(beside)
             raise InputError(

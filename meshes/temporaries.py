@@ -126,8 +126,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     _sweep_beside(target.parent)
     name = f".{target.stem[:40]}.palpate-{own_mark()}.tmp{target.suffix}"
     temporary = target.with_name(name)
-    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     try:
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
         with locked(temporary):
             yield temporary
             with temporary.open("rb+") as written:
@@ -138,8 +138,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno and error.filename is None:
-            raise OSError(error.errno, error.strerror, os.fspath(path)) from error  # a full disk
+        # A full disk has no name, and a folder that has vanished is no matter of the temporary.
+        names = (None, os.fspath(temporary))
+        if isinstance(error, OSError) and error.errno and error.filename in names:
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from error
         raise
 
 

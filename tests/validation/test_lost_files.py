@@ -66,6 +66,41 @@ def test_a_full_disk_is_one_line_and_what_was_there_stays(
     assert not old or path.read_bytes() == old
 
 
+# A simulator that does something to the folder of the outputs.
+SPOILER = """
+import os, shutil, sys
+import numpy as np
+folder = sys.argv[3]
+if os.path.isdir(folder) and not os.path.islink(folder):
+    shutil.rmtree(folder)
+    if sys.argv[4:]:
+        os.symlink(sys.argv[4], folder)
+points = np.load(sys.argv[1] + "/rest.npz")["points"]
+np.savez(sys.argv[2], displacement=0.0 * points)
+"""
+
+
+@pytest.mark.parametrize("becomes", ["nothing", "a link"])
+def test_a_folder_that_vanishes_during_a_run_takes_neither_verdict_nor_another_file(
+    palpate_run: Run, tmp_path: Path, becomes: str
+) -> None:
+    (tmp_path / "sim.py").write_text(SPOILER, encoding="utf-8")
+    out, other = tmp_path / "out", tmp_path / "other"
+    for folder in (out, other):
+        folder.mkdir()
+    (other / "r.json").write_text("mine", encoding="utf-8")
+    more = f" {other}" if becomes == "a link" else ""
+    program = f"{sys.executable} {tmp_path / 'sim.py'} {{case}} {{result}} {out}{more}"
+    done = palpate_run("gate", "block", "--simulator", program, "--json", out / "r.json")
+    assert "block: failed" in done.stdout
+    assert done.returncode == 2
+    said = {"nothing": f"palpate: {out / 'r.json'}: No such file", "a link": "did not write has"}
+    assert said[becomes] in done.stderr
+    assert (other / "r.json").read_text(encoding="utf-8") == "mine"
+    beside = 1 + (becomes == "a link")
+    assert len(list(other.iterdir())) == beside
+
+
 def test_an_export_that_breaks_off_is_no_case_and_no_mixture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -200,8 +200,8 @@ def gate(
             )
             for case in loaded
         ]
+    outputs.print_results(results, Console(highlight=False))  # no full disk takes the verdict away
     outputs.write_outputs(results, json=json, junit=junit, summary=summary)
-    outputs.print_results(results, Console(highlight=False))
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print("\n".join(outputs.github_annotations(results)))
     if record_expected:
@@ -332,8 +332,8 @@ def compare(
         precision=precision,
         progress=progress_lines(),
     )
-    outputs.write_outputs([judged], json=json)
     outputs.print_results([judged], Console(highlight=False))
+    outputs.write_outputs([judged], json=json)
     raise typer.Exit(exit_code([judged]))
 
 
