@@ -63,11 +63,6 @@ def mesh_with_gmsh(
         with np.load(target) as stored:
             points, cells = stored["points"], stored["cells"]
     mesh = TetMesh(points, cells)
-    _require_same_boundary(surface, mesh)
-    return mesh
-
-
-def _require_same_boundary(surface: TriSurface, mesh: TetMesh) -> None:
     wanted = {tuple(sorted(row)) for row in surface.facets.tolist()}
     found = {tuple(sorted(row)) for row in mesh.boundary_facets.tolist()}
     if wanted != found:
@@ -75,6 +70,7 @@ def _require_same_boundary(surface: TriSurface, mesh: TetMesh) -> None:
             f"gmsh changed the boundary: {len(wanted - found)} facet(s) lost, "
             f"{len(found - wanted)} new; use mesher fastsim, or a finer surface"
         )
+    return mesh
 
 
 def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[Points, Indices]:

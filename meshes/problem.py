@@ -115,12 +115,10 @@ class TimeSpan:
             math.isfinite(self.time_step) and self.time_step > 0.0
         ):
             raise InputError(f"time_step = {self.time_step:g} s: needs a finite value above 0")
-        if not (math.isfinite(self.mass_damping) and self.mass_damping >= 0.0):
-            raise InputError(f"mass_damping = {self.mass_damping:g} 1/s: needs a value >= 0")
-        if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0.0):
-            raise InputError(
-                f"stiffness_damping = {self.stiffness_damping:g} s: needs a value >= 0"
-            )
+        for name, unit in (("mass_damping", "1/s"), ("stiffness_damping", "s")):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} = {value:g} {unit}: needs a value >= 0")
         if self.num_outputs < 1:
             raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
         if self.time_step is not None:

@@ -95,9 +95,9 @@ def require_nested(surface: TriSurface, uses: EdgeUses | None = None) -> list[Sh
         else:
             why = "encloses a negative volume: its facets point inwards"
         raise OrientationError(
-            f"{which} {why}; swap two points of each of its facets",
+            f"{which} {why}",
             shell.facets.tolist(),
-            summary=f"{which} {why}",
+            detail="; swap two points of each of its facets",
         )
     return shells
 

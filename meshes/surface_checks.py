@@ -136,10 +136,10 @@ def _check_edges(surface: TriSurface, table: EdgeUses) -> None:
     if np.any(guilty):
         bad = np.unique(table.owner[guilty])
         raise OrientationError(
-            f"{len(bad)} facet(s) are turned against a neighbour, first {bad[:5].tolist()}; "
-            "orient all facets counter-clockwise seen from outside",
+            f"{len(bad)} facet(s) are turned against a neighbour",
             bad.tolist(),
-            summary=f"{len(bad)} facet(s) are turned against a neighbour",
+            detail=f", first {bad[:5].tolist()}; orient all facets counter-clockwise seen from "
+            "outside",
         )
 
 

@@ -121,6 +121,13 @@ def _mapped(problem: Problem, matrix: Matrix, length: float) -> Problem:
     loads = (_mapped_load(load, matrix, length) for load in problem.loads)
     tools = (_mapped_tool(tool, matrix, length) for tool in problem.tools)
     springs = (_mapped_spring(spring, matrix, length) for spring in problem.springs)
+    start = problem.initial_velocity
+    if start is not None:
+        start = InitialVelocity(
+            _vector(length * matrix, start.velocity),
+            _vector(_axial(matrix), start.angular_velocity),
+            _vector(length * matrix, start.center),
+        )
     inclusions = (
         Inclusion(one.cells, _mapped_material(one.material, length)) for one in problem.inclusions
     )
@@ -133,7 +140,7 @@ def _mapped(problem: Problem, matrix: Matrix, length: float) -> Problem:
         tools=tuple(with_rows(item, facets=facets) for item in tools),
         springs=tuple(with_rows(item, facets=facets) for item in springs),
         inclusions=tuple(inclusions),
-        initial_velocity=_mapped_velocity(problem.initial_velocity, matrix, length),
+        initial_velocity=start,
     )
 
 
@@ -199,18 +206,6 @@ def _mapped_load(load: Load, matrix: Matrix, length: float, force: float = 1.0) 
                 C = 0.5 * (C + C.transpose(0, 2, 1))  # symmetric but for rounding
             traction = _vector(per_area * R, load.traction)
             return dataclasses.replace(load, traction=traction, gradient=G, curvature=C)
-
-
-def _mapped_velocity(
-    given: InitialVelocity | None, matrix: Matrix, length: float
-) -> InitialVelocity | None:
-    if given is None:
-        return None
-    return InitialVelocity(
-        _vector(length * matrix, given.velocity),
-        _vector(_axial(matrix), given.angular_velocity),
-        _vector(length * matrix, given.center),
-    )
 
 
 def _mapped_spring(spring: Spring, matrix: Matrix, length: float) -> Spring:

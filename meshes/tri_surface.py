@@ -74,15 +74,13 @@ class SurfaceError(MeshError):
     known, `.done` lists what a repair had done before, `.hint` says what would help.
     """
 
-    def __init__(
-        self, message: str, facets: Sequence[int] = (), *, summary: str | None = None
-    ) -> None:
+    def __init__(self, summary: str, facets: Sequence[int] = (), *, detail: str = "") -> None:
         self.facets = [int(i) for i in facets]
-        self.summary = message if summary is None else summary
+        self.summary = summary
         self.surface: TriSurface | None = None
         self.done: list[str] = []
         self.hint = ""
-        super().__init__(message)
+        super().__init__(summary + detail)
 
 
 class EmptySurfaceError(SurfaceError):
@@ -95,14 +93,11 @@ class OpenSurfaceError(SurfaceError):
     def __init__(self, edges: Sequence[tuple[int, int]], facets: Sequence[int]) -> None:
         self.edges = [(int(a), int(b)) for a, b in edges]
         self.num_holes = _count_loops(self.edges)
-        summary = (
-            f"the surface is open: {self.num_holes} hole(s), {len(self.edges)} edge(s) with one "
-            "facet only"
-        )
         super().__init__(
-            f"{summary}, at points {first_of(self.edges, 3)}; close the holes",
+            f"the surface is open: {self.num_holes} hole(s), {len(self.edges)} edge(s) with one "
+            "facet only",
             facets,
-            summary=summary,
+            detail=f", at points {first_of(self.edges, 3)}; close the holes",
         )
 
 
@@ -112,9 +107,7 @@ class FinError(SurfaceError):
     def __init__(self, facets: Sequence[int], num_fins: int) -> None:
         self.num_fins = num_fins
         summary = f"{num_fins} fin(s) of {len(facets)} facet(s) stand on the surface and end free"
-        super().__init__(
-            f"{summary}: {first_of(list(facets))}; cut them off", facets, summary=summary
-        )
+        super().__init__(summary, facets, detail=f": {first_of(list(facets))}; cut them off")
 
 
 class NonManifoldError(SurfaceError):
@@ -134,7 +127,7 @@ class NonManifoldError(SurfaceError):
             else (f"{len(self.vertices)} vertex(es) where sheets touch", first_of(self.vertices))
         )
         summary = f"the surface is not manifold: {what}"
-        super().__init__(f"{summary}: {which}; separate the sheets", facets, summary=summary)
+        super().__init__(summary, facets, detail=f": {which}; separate the sheets")
 
 
 class OrientationError(SurfaceError):
@@ -145,20 +138,16 @@ class DegenerateFacetError(SurfaceError):
     """Facets of zero area or with a repeated point."""
 
     def __init__(self, facets: Sequence[int]) -> None:
-        summary = f"{len(facets)} facet(s) of zero area"
-        super().__init__(
-            f"{summary}: {first_of(list(facets))}; remove or re-mesh them", facets, summary=summary
-        )
+        detail = f": {first_of(list(facets))}; remove or re-mesh them"
+        super().__init__(f"{len(facets)} facet(s) of zero area", facets, detail=detail)
 
 
 class DuplicateFacetError(SurfaceError):
     """The same three points make more than one facet."""
 
     def __init__(self, facets: Sequence[int]) -> None:
-        summary = f"{len(facets)} facet(s) given more than once"
-        super().__init__(
-            f"{summary}: {first_of(list(facets))}; remove copies", facets, summary=summary
-        )
+        detail = f": {first_of(list(facets))}; remove copies"
+        super().__init__(f"{len(facets)} facet(s) given more than once", facets, detail=detail)
 
 
 class SelfIntersectionError(SurfaceError):
@@ -166,11 +155,10 @@ class SelfIntersectionError(SurfaceError):
 
     def __init__(self, pairs: Sequence[tuple[int, int]]) -> None:
         self.pairs = [(int(a), int(b)) for a, b in pairs]
-        summary = f"the surface intersects itself: {len(self.pairs)} pair(s) of facets"
         super().__init__(
-            f"{summary}, {first_of(self.pairs, 3)}; repair it before meshing",
+            f"the surface intersects itself: {len(self.pairs)} pair(s) of facets",
             list(dict.fromkeys(f for pair in self.pairs for f in pair)),
-            summary=summary,
+            detail=f", {first_of(self.pairs, 3)}; repair it before meshing",
         )
 
 

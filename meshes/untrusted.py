@@ -74,7 +74,10 @@ def parse_json(text: str, *, allow_nan: bool = False) -> Any:
         raise UntrustedTextError(f"it holds {word}, which is no JSON")
 
     value = _parsed(lambda: json.loads(text, parse_constant=constant), "JSON")
-    _require_floats(value, allow_nan=allow_nan)
+    for part in _parts_of(value, "JSON"):
+        # 1e999, or a one with four hundred zeros, is valid JSON.
+        if isinstance(part, int if allow_nan else int | float) and not is_a_float(part):
+            raise UntrustedTextError("not JSON for use here: a number no float can hold")
     return value
 
 
@@ -147,33 +150,25 @@ def _parsed(parse: Callable[[], Any], kind: str) -> Any:
         OverflowError,
     ) as error:  # TOMLDecodeError and JSONDecodeError are the first
         raise UntrustedTextError(f"not {kind}: {error}") from error
-    _require_shallow(value, kind)
+    for _ in _parts_of(value, kind):
+        pass
     return value
 
 
-def _require_shallow(value: Any, kind: str) -> None:
-    """Refuse deep nesting; level by level, so that depth needs no stack."""
+def _parts_of(value: Any, kind: str) -> Iterator[Any]:
+    """A value and all within it, level by level, so that depth needs no stack.
+
+    Raises:
+        UntrustedTextError: Nested too deep.
+    """
     level = [value]
     for _ in range(DEEPEST):
-        level = [part for item in level for part in _parts(item)]
+        yield from level
+        tables = [list(item.values()) if isinstance(item, dict) else item for item in level]
+        level = [part for parts in tables if isinstance(parts, list) for part in parts]
         if not level:
             return
     raise UntrustedTextError(f"not {kind} for use here: nested more than {DEEPEST} deep")
-
-
-def _require_floats(value: Any, *, allow_nan: bool) -> None:
-    """Refuse numbers beyond a float: 1e999, or a one with four hundred zeros, is valid JSON."""
-    is_wrong = isinstance(value, int if allow_nan else int | float) and not is_a_float(value)
-    if is_wrong:
-        raise UntrustedTextError("not JSON for use here: a number no float can hold")
-    for part in _parts(value):
-        _require_floats(part, allow_nan=allow_nan)
-
-
-def _parts(item: Any) -> list[Any]:
-    if isinstance(item, dict):
-        return list(item.values())
-    return item if isinstance(item, list) else []
 
 
 def is_a_float(value: float) -> bool:

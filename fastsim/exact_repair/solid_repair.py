@@ -127,9 +127,8 @@ class EntangledError(SurfaceError):
             "the surface intersects itself and could not be repaired within "
             f"{distance:.3g} m, at {len(facets)} facet(s)"
         )
-        summary = f"{what} around ({at}) m"
-        super().__init__(f"{what}, first {first}, around ({at}) m; {hint}", facets, summary=summary)
-        self.needed, self.hint = needed, hint
+        super().__init__(f"{what}, first {first}, around ({at}) m; {hint}", facets)
+        self.needed, self.hint, self.summary = needed, hint, f"{what} around ({at}) m"
 
 
 @dataclass(frozen=True)
