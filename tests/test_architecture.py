@@ -252,7 +252,7 @@ LINES = {
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),
-    "validation/importing": (3040, "issue 34: what is not understood is refused, one routine"),
+    "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (3600, "issue 34: what results, models and files may not do"),
     "validation/live": (
         3060,

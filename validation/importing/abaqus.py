@@ -42,6 +42,10 @@ _MODEL = {
     "BOUNDARY", *_FRAME, *_OF_MATERIALS,
 }  # fmt: skip
 _STEP = {"STEP", "STATIC", "END STEP", *_LOADS}
+# What may be said of an amplitude; with one step, total time is the step's.
+_CURVES = {
+    "DEFINITION": ("TABULAR",), "VALUE": ("RELATIVE",), "TIME": ("STEP TIME", "TOTAL TIME"),
+}  # fmt: skip
 _HYPERELASTIC = ("NEO HOOKE", "MOONEY-RIVLIN")
 # Components that Abaqus' named supports of solids fix, of x, y, z.
 _NAMED = {
@@ -176,10 +180,7 @@ def _require_at_rest(card: Card) -> None:
 
 
 def _amplitudes(cards: list[Card], end_time: float) -> dict[str, float]:
-    """What each amplitude is at the end of the step, by name.
-
-    With one step, which begins at 0, total time is the step's.
-    """
+    """What each amplitude is at the end of the step, by name."""
     factors: dict[str, float] = {}
     for card in (card for card in cards if card.keyword == "AMPLITUDE"):
         name = card.label("NAME")
@@ -187,11 +188,7 @@ def _amplitudes(cards: list[Card], end_time: float) -> dict[str, float]:
             raise card.refuse(
                 f"amplitude {name[:40]} is there twice; programs differ in which counts"
             )
-        for key, *usual in (
-            ("DEFINITION", "TABULAR"),
-            ("VALUE", "RELATIVE"),
-            ("TIME", "STEP TIME", "TOTAL TIME"),
-        ):
+        for key, usual in _CURVES.items():
             card.require_usual(key, *usual, reason=f"known is {' or '.join(usual)}")
         # Four pairs are all that CalculiX reads of a line.
         values = [value for _, line in card.numbers(2, 8) for value in line]

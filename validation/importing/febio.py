@@ -80,6 +80,8 @@ def read_febio(path: Path) -> Model:
     if version not in VERSIONS:
         raise root.refuse(f"format version {version[:20]!r}; known are {', '.join(VERSIONS)}")
     sections = _sections(root)
+    for other in sections.get("Mesh" if version == "2.5" else "Geometry", []):
+        raise other.refuse(f"<{other.tag}> is of another version than {version}")
     mesh = FebioMesh(sections, version)
     bodies, body_names = _materials(sections)
     model = Model(
@@ -260,7 +262,10 @@ def _end_time(controls: list[Element]) -> float:
         if (steps is None) != (size is None):
             raise control.refuse("<time_steps> and <step_size>: give both, or none of them")
         if steps is not None and size is not None:
-            return steps.number() * size.number()
+            count, length = steps.number(), size.number()
+            if count < 1.0 or count % 1.0 or not length > 0.0:
+                raise steps.refuse(f"{count:g} steps of {length:g}: whole steps above 0 are needed")
+            return count * length
     return 1.0
 
 

@@ -161,6 +161,11 @@ def feb(old, new, version="4.0"):
         ("<Control>", "<Control><final_time>9</final_time>", "<final_time> in <Control>"),
         ("<Control>", '<Control><solver type="x"/>', "<solver type=...>"),
         ("<time_steps>10</time_steps>", "", "give both, or none"),
+        # FEBio's -1 is: until the final time.
+        ("<time_steps>10", "<time_steps>-1", "-1 steps of 0.1: whole steps"),
+        ("<time_steps>10", "<time_steps>10.5", "10.5 steps of 0.1: whole"),
+        ("<step_size>0.1", "<step_size>0", "10 steps of 0: whole steps above 0"),
+        ("<Mesh>", "<Geometry/><Mesh>", "<Geometry> is of another version than 4.0"),
         (
             "<LoadData>", '<LoadData><load_controller id="2" type="math"><math>t</math>'
             "</load_controller>", "'math' is no load curve",
