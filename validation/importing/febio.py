@@ -225,8 +225,8 @@ def _value(curve: Element, end: float) -> float:
     kind = curve.word("type", "linear" if is_old else "loadcurve")
     if not is_old and kind != "loadcurve":
         raise curve.refuse(f"load controller {kind!r} is no load curve")
-    kind = kind if is_old else curve.either("interpolate", "interpolate", "linear").lower()
-    extend = curve.either("extend", "extend", "constant").lower()
+    kind = kind if is_old else curve.said("interpolate", "linear").lower()
+    extend = (curve.word if is_old else curve.said)("extend", "constant").lower()
     listed = curve.child("points") or curve
     rows = [point.numbers() for point in listed.each("point", "pt", "loadpoint")]
     if not rows or any(len(row) != 2 for row in rows):
@@ -255,9 +255,12 @@ def _end_time(controls: list[Element]) -> float:
     for control in controls:
         analysis = control.child("analysis")
         if analysis is not None:
-            kind = (analysis.get("type") or analysis.text).lower()
-            if kind not in ("static", "0", "steady-state"):
-                raise analysis.refuse(f"analysis {kind!r}: an import is of equilibrium (static)")
+            # An attribute in 2.5, the text after that: the other is not looked at.
+            for kind in {analysis.word("type").lower(), analysis.text.lower()} - {""}:
+                if kind not in ("static", "0", "steady-state"):
+                    raise analysis.refuse(
+                        f"analysis {kind!r}: an import is of equilibrium (static)"
+                    )
         steps, size = control.child("time_steps"), control.child("step_size")
         if (steps is None) != (size is None):
             raise control.refuse("<time_steps> and <step_size>: give both, or none of them")
@@ -296,11 +299,12 @@ class _Loads:
     def _support(self, condition: Element) -> None:
         kind = condition.word("type") if condition.tag == "bc" else condition.tag
         if kind in _FIXED:
-            components = dict.fromkeys(_fixed_axes(condition), 0.0)
+            components = dict.fromkeys(_fixed_axes(condition, kind), 0.0)
         elif kind in _PRESCRIBED:
             if condition.flag("relative"):
                 raise condition.refuse("<relative>: a case moves points from rest")
-            components = {_axis(condition): self._product(condition, "scale", "value")}
+            axis = _axis(condition, is_old=condition.tag == "prescribe")
+            components = {axis: self._product(condition, "scale", "value")}
         else:
             raise condition.refuse(
                 f"boundary condition {kind[:40]!r}: a case knows no such condition"
@@ -334,7 +338,8 @@ class _Loads:
         elif kind == "nodal_load":
             if load.flag("relative"):
                 raise load.refuse("<relative>: a case has the whole force")
-            self.model.forces[nodes, _axis(load)] += self._product(load, "scale", "value")
+            axis = _axis(load, is_old="type" not in load.values)
+            self.model.forces[nodes, axis] += self._product(load, "scale", "value")
         else:
             raise load.refuse(f"nodal load {kind[:40]!r}: a case knows no such load")
 
@@ -385,15 +390,16 @@ def _no_shell(load: Element) -> None:
         raise load.refuse("<shell_bottom>: a case is of solids")
 
 
-def _fixed_axes(condition: Element) -> list[int]:
+def _fixed_axes(condition: Element, kind: str) -> list[int]:
     """2.5: bc="x,y,z"; 3.0: <dofs>; 4.0: <x_dof>1</x_dof>."""
-    words = condition.either("dofs", "bc").replace(",", " ").split()
-    flagged = [axis for name, axis in _AXES.items() if condition.flag(f"{name}_dof")]
-    return [_axis_named(condition, word) for word in words] + flagged
+    if kind == "zero displacement":
+        return [axis for name, axis in _AXES.items() if condition.flag(f"{name}_dof")]
+    words = condition.word("bc") if condition.tag == "fix" else condition.said("dofs")
+    return [_axis_named(condition, word) for word in words.replace(",", " ").split()]
 
 
-def _axis(element: Element) -> int:
-    return _axis_named(element, element.either("dof", "bc"))
+def _axis(element: Element, *, is_old: bool) -> int:
+    return _axis_named(element, element.word("bc") if is_old else element.said("dof"))
 
 
 def _axis_named(element: Element, word: str) -> int:

@@ -74,14 +74,10 @@ class Element(Statement):
             raise found[1].refuse(f"<{tag}> is there twice; give it once")
         return found[0] if found else None
 
-    def either(self, tag: str, attribute: str, default: str = "") -> str:
-        """The text of the child of that tag, or else an attribute, by version of the format."""
+    def said(self, tag: str, default: str = "") -> str:
+        """The text of the child of that tag, where there is one."""
         found = self.child(tag)
-        if found is None:
-            return self.word(attribute, default)
-        if attribute in self.values:
-            raise self.refuse(f"<{self.tag}> has {attribute}=... and <{tag}>; give one")
-        return found.text
+        return default if found is None else found.text
 
     def id(self) -> int:
         """The attribute id, a whole number."""

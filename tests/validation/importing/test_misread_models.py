@@ -161,6 +161,11 @@ def feb(old, new, version="4.0"):
         ("<Control>", "<Control><final_time>9</final_time>", "<final_time> in <Control>"),
         ("<Control>", '<Control><solver type="x"/>', "<solver type=...>"),
         ("<time_steps>10</time_steps>", "", "give both, or none"),
+        # What another version of the format has: FEBio 4 does not look at it.
+        ('node_set="Held"><x_dof>1</x_dof>', 'bc="x" node_set="Held">', "<bc bc=...> is not known"),
+        ("<x_dof>1</x_dof>", "<dofs>x</dofs>", "<dofs> in <bc> is not known"),
+        ('type="loadcurve"', 'type="loadcurve" extend="repeat"', "<load_controller extend=...>"),
+        ("<analysis>STATIC", '<analysis type="static">DYNAMIC', "analysis 'dynamic'"),
         # FEBio's -1 is: until the final time.
         ("<time_steps>10", "<time_steps>-1", "-1 steps of 0.1: whole steps"),
         ("<time_steps>10", "<time_steps>10.5", "10.5 steps of 0.1: whole"),

@@ -366,12 +366,10 @@ FEBIO_CHANGES = {
         "<MeshData><ElementData/></MeshData>", "<Rigid><rigid_bc/></Rigid>", "<StepData/>text",
         "<Discrete><discrete_material/></Discrete>", "<Boundary from='x.feb'/>",
         "<Step><step id='1'/><step id='2'/></Step>", "<Control/>", "<Plugins/>",
-        "<Step><step id='1'><Boundary><bc type='fix' node_set='End'><dofs>z</dofs></bc></Boundary>"
-        "</step></Step>",
     ),
     "Control": (
         "<analysis>DYNAMIC</analysis>", "<time_steps>20</time_steps>", "<final_time>2</final_time>",
-        "<adaptor_re_solve>0</adaptor_re_solve>", "<integration/>", "<restart/>",
+        "<integration/>", "<restart/>",
         "<solver type='explicit-solid'/>", "<solver><arc_length>1</arc_length></solver>",
         "<use_three_field_tet>1</use_three_field_tet>",
     ),
@@ -426,7 +424,8 @@ FEBIO_HARMLESS = {
         "<!-- a comment -->", "<Step/>", "<Step><step id='1' name='s'/></Step>",
     ),
     "Control": (
-        "<max_refs>25</max_refs>", "<title>t</title>", "<plot_level>PLOT_FINAL</plot_level>",
+        "<adaptor_re_solve>0</adaptor_re_solve>", "<max_refs>25</max_refs>", "<title>t</title>",
+        "<plot_level>PLOT_FINAL</plot_level>",
         "<time_stepper><dtmin>0.01</dtmin><dtmax lc='1'>0.1</dtmax></time_stepper>",
         "<solver type='solid'><dtol>0.001</dtol><qn_method type='BFGS'/></solver>",
     ),
