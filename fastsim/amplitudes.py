@@ -31,10 +31,6 @@ def smooth_ramp(duration: float) -> Amplitude:
     return TabularAmplitude((0.0, duration), (0.0, 1.0), is_smooth=True)
 
 
-def _always(_time: float) -> float:
-    return 1.0
-
-
 class Histories:
     """The different amplitudes of a problem, each once; history 0 is 1 at all times.
 
@@ -99,7 +95,7 @@ class Histories:
         return tuple(0 if f is None else 1 + self._functions.index(f) for f in given)
 
     def _turn(self, angle: float, history: int) -> tuple[int, int]:
-        factor: Amplitude = self._functions[history - 1] if history else _always
+        factor: Amplitude = self._functions[history - 1] if history else lambda _time: 1.0
         self._functions += [
             lambda time: math.sin(angle * factor(time)),
             lambda time: 2.0 * math.sin(0.5 * angle * factor(time)) ** 2,

@@ -49,11 +49,6 @@ def materials_of_cells(
     return table, row.reshape(-1)[number]
 
 
-def name_in_core(law: Law) -> str:
-    """The core's name of a law; the isochoric neo-Hookean one is Mooney and Rivlin's, c01 = 0."""
-    return "mooney_rivlin" if law is Law.NEO_HOOKEAN_ISOCHORIC else law.name.lower()
-
-
 class Body:
     """A mesh with its materials, strain measure and element, and what the core keeps of them.
 
@@ -95,6 +90,8 @@ class Body:
         self.law = material.law
         self._materials, self._row = materials_of_cells(mesh, material, inclusions)
         self.lmbda, self.mu, _, self.density = self._materials[self._row].T
+        # The isochoric neo-Hookean law is Mooney and Rivlin's with c01 = 0.
+        is_isochoric = self.law is Law.NEO_HOOKEAN_ISOCHORIC
         moduli, kinds = np.unique(self._materials[:, :3], axis=0, return_inverse=True)
         self.core = _core.ElasticBody(
             mesh.points,
@@ -102,7 +99,7 @@ class Body:
             np.ascontiguousarray(moduli),
             kinds.reshape(-1)[self._row].astype(np.int32),
             getattr(_core.StrainMeasure, strain.name.lower()),
-            name_in_core(material.law),
+            "mooney_rivlin" if is_isochoric else self.law.name.lower(),
             getattr(_core.Element, element.name.lower()),
         )
         if material.ogden_terms:

@@ -92,7 +92,10 @@ class OpenSurfaceError(SurfaceError):
 
     def __init__(self, edges: Sequence[tuple[int, int]], facets: Sequence[int]) -> None:
         self.edges = [(int(a), int(b)) for a, b in edges]
-        self.num_holes = _count_loops(self.edges)
+        # Loops of a graph: edges less points plus parts; those that touch count each.
+        points, ends = np.unique(np.array(self.edges, dtype=np.int64), return_inverse=True)
+        parts = connected_parts(len(points), ends.reshape(-1, 2))
+        self.num_holes = len(self.edges) - len(points) + len(np.unique(parts))
         super().__init__(
             f"the surface is open: {self.num_holes} hole(s), {len(self.edges)} edge(s) with one "
             "facet only",
@@ -160,10 +163,3 @@ class SelfIntersectionError(SurfaceError):
             list(dict.fromkeys(f for pair in self.pairs for f in pair)),
             detail=f", {first_of(self.pairs, 3)}; repair it before meshing",
         )
-
-
-def _count_loops(edges: Sequence[tuple[int, int]]) -> int:
-    """Number of loops of a graph, edges less points plus parts; loops that touch count each."""
-    points, ends = np.unique(np.array(edges, dtype=np.int64), return_inverse=True)
-    parts = connected_parts(len(points), ends.reshape(-1, 2))
-    return len(edges) - len(points) + len(np.unique(parts))

@@ -150,11 +150,6 @@ def measure_state(body: ElasticBody, displacement: Floats) -> DeformedState:
     )
 
 
-def cauchy_stress(F: Any, S: Any) -> Any:
-    """Return sigma = F S F^T / det F [Pa]."""
-    return F * S * F.T / ufl.det(F)
-
-
 def measure_stresses(
     discrete: DiscreteProblem, displacement: Floats
 ) -> tuple[Floats, Floats, Floats]:
@@ -165,7 +160,7 @@ def measure_stresses(
         mean = _cell_means(discrete, S)
         return mean, mean, mean
     F = deformation_gradient(discrete.u)
-    S_mean, sigma, P = (_cell_means(discrete, T) for T in (S, cauchy_stress(F, S), F * S))
+    S_mean, sigma, P = (_cell_means(discrete, T) for T in (S, F * S * F.T / ufl.det(F), F * S))
     return S_mean, sigma, P
 
 
