@@ -91,26 +91,15 @@ def make_det(kit: Kit) -> Any:
 
 def make(kit: Kit) -> None:
     """Make the kernel for linear tetrahedra, over bodies and cells."""
-    wp, real, vec3, mat33 = kit.wp, kit.real, kit.vec3, kit.mat33
+    wp, real, vec3 = kit.wp, kit.real, kit.vec3
     gradient_of, twice_strain, first_stress, spread_forces = make_formulas(kit)
     det_of = make_det(kit)
 
     @kit.kernel
     def force_cells(
-        go: wp.array(dtype=int),
-        displacement: wp.array2d(dtype=vec3),
-        corners: wp.array(dtype=wp.vec4i),
-        gradients: wp.array(dtype=mat33),
-        volumes: wp.array(dtype=real),
-        kinds: wp.array(dtype=int),
-        num_kinds: int,
-        moduli: wp.array2d(dtype=real),
-        is_green: int,
-        is_atomic: int,
-        cell_forces: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-        inverted: wp.array(dtype=int),
-    ):
+        go, displacement, corners, gradients, volumes, kinds, num_kinds, moduli, is_green,
+        is_atomic, cell_forces, force, inverted,
+    ):  # fmt: skip
         body, cell = wp.tid()
         if go[body] == 0:
             return

@@ -25,24 +25,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def balance_points(
-        go: wp.array(dtype=int),
-        open_sums: wp.array(dtype=int),
-        begins: int,
-        time_step: wp.array(dtype=wp.float64),
-        damping: wp.array(dtype=wp.float64),
-        mass: wp.array2d(dtype=wp.float64),
-        keep: wp.array(dtype=real),
-        is_free: wp.array2d(dtype=vec3),
-        external: wp.array2d(dtype=vec3),
-        pressure: wp.array2d(dtype=vec3),
-        touch: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-        mobility: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        kinetic: wp.array2d(dtype=wp.float64),
-        work: wp.array2d(dtype=wp.vec2d),
-        loss: wp.array2d(dtype=wp.vec2d),
-    ):
+        go, open_sums, begins, time_step, damping, mass, keep, is_free, external, pressure, touch,
+        force, mobility, increment, kinetic, work, loss,
+    ):  # fmt: skip
         body, point = wp.tid()
         if go[body] == 0:
             return
@@ -74,20 +59,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def balance_supports(
-        go: wp.array(dtype=int),
-        open_sums: wp.array(dtype=int),
-        begins: int,
-        time_step: wp.array(dtype=wp.float64),
-        damping: wp.array(dtype=wp.float64),
-        mass: wp.array2d(dtype=wp.float64),
-        moving: wp.array(dtype=int),
-        last: wp.array2d(dtype=vec3),
-        ahead: wp.array2d(dtype=vec3),
-        inner: wp.array2d(dtype=vec3),
-        kinetic: wp.array2d(dtype=wp.float64),
-        work: wp.array2d(dtype=wp.vec2d),
-        loss: wp.array2d(dtype=wp.vec2d),
-    ):
+        go, open_sums, begins, time_step, damping, mass, moving, last, ahead, inner, kinetic, work,
+        loss,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -114,15 +88,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def balance_slides(
-        go: wp.array(dtype=int),
-        open_sums: wp.array(dtype=int),
-        begins: int,
-        points: wp.array(dtype=int),
-        last: wp.array2d(dtype=real),
-        ahead: wp.array2d(dtype=real),
-        pull: wp.array2d(dtype=real),
-        work: wp.array2d(dtype=wp.vec2d),
-    ):
+        go, open_sums, begins, points, last: wp.array2d(dtype=real), ahead: wp.array2d(dtype=real),
+        pull, work,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -136,25 +104,16 @@ def make(kit: Kit) -> None:
         work[body, points[k]] = w
 
     @kit.kernel
-    def open_balance(go: wp.array(dtype=int), begins: int, open_sums: wp.array(dtype=int)):
+    def open_balance(go, begins, open_sums):
         body = wp.tid()
         if go[body] != 0:
             open_sums[body] = begins
 
     @kit.kernel
     def sum_chunks(
-        status: wp.array(dtype=int),
-        num_chunks: int,
-        num_points: int,
-        mass: wp.array2d(dtype=wp.float64),
-        is_free: wp.array2d(dtype=vec3),
-        external: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-        counted: wp.array2d(dtype=vec3),
-        given: wp.array2d(dtype=real),
-        sums: wp.array2d(dtype=wp.vec3d),
-    ):
+        status, num_chunks, num_points, mass, is_free, external, increment, displacement, counted,
+        given, sums,
+    ):  # fmt: skip
         body, chunk = wp.tid()
         if status[body] != 0:
             return
@@ -176,16 +135,7 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def judge_growth(
-        num_chunks: int,
-        sums: wp.array2d(dtype=wp.vec3d),
-        time_step: wp.array(dtype=wp.float64),
-        at_start: wp.array(dtype=wp.float64),
-        total_mass: wp.array(dtype=wp.float64),
-        rounding: wp.float64,
-        status: wp.array(dtype=int),
-        since_good: wp.array(dtype=int),
-        go: wp.array(dtype=int),
-        is_good: wp.array(dtype=int),
+        num_chunks, sums, time_step, at_start, total_mass, rounding, status, since_good, go, is_good
     ):
         body = wp.tid()
         is_good[body] = 0
@@ -212,13 +162,7 @@ def make(kit: Kit) -> None:
             go[body] = 0
 
     @kit.kernel
-    def keep_good(
-        is_good: wp.array(dtype=int),
-        increment: wp.array2d(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-        good_increment: wp.array2d(dtype=vec3),
-        good_displacement: wp.array2d(dtype=vec3),
-    ):
+    def keep_good(is_good, increment, displacement, good_increment, good_displacement):
         body, point = wp.tid()
         if is_good[body] != 0:
             good_increment[body, point] = increment[body, point]

@@ -8,13 +8,7 @@ def make(kit: Kit) -> None:
     wp, vec3 = kit.wp, kit.vec3
 
     @kit.kernel
-    def gather_forces(
-        go: wp.array(dtype=int),
-        start: wp.array(dtype=int),
-        entries: wp.array(dtype=int),
-        cell_forces: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-    ):
+    def gather_forces(go, start, entries, cell_forces, force):
         body, point = wp.tid()
         if go[body] == 0:
             return

@@ -16,17 +16,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def combine_loads(
-        go: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        factors: wp.array3d(dtype=real),
-        histories: wp.array(dtype=int),
-        dead: wp.array3d(dtype=vec3),
-        is_free: wp.array2d(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-        counted: wp.array2d(dtype=vec3),
-        given: wp.array2d(dtype=real),
-        external: wp.array2d(dtype=vec3),
-    ):
+        go, row, factors, histories: wp.array(dtype=int), dead, is_free, displacement, counted,
+        given, external,
+    ):  # fmt: skip
         body, point = wp.tid()
         if go[body] == 0:
             return
@@ -44,16 +36,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def press_facets(
-        go: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        factors: wp.array3d(dtype=real),
-        points: wp.array(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-        facets: wp.array(dtype=wp.vec3i),
-        pressures: wp.array2d(dtype=real),
-        histories: wp.array2d(dtype=int),
-        corner_forces: wp.array2d(dtype=vec3),
-    ):
+        go, row, factors, points: wp.array(dtype=vec3), displacement, facets, pressures, histories,
+        corner_forces,
+    ):  # fmt: skip
         body, facet = wp.tid()
         if go[body] == 0:
             return
@@ -69,15 +54,7 @@ def make(kit: Kit) -> None:
         corner_forces[body, facet] = (factor * pressures[body, facet] / real(-6.0)) * wp.cross(p, q)
 
     @kit.kernel
-    def press_points(
-        go: wp.array(dtype=int),
-        pressed: wp.array(dtype=int),
-        start: wp.array(dtype=int),
-        entries: wp.array(dtype=int),
-        corner_forces: wp.array2d(dtype=vec3),
-        pressure: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-    ):
+    def press_points(go, pressed, start, entries, corner_forces, pressure, force):
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -90,22 +67,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def look_at_supports(
-        go: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        begun: wp.array(dtype=int),
-        changes: wp.array3d(dtype=real),
-        moving: wp.array(dtype=int),
-        num_terms: int,
-        values: wp.array2d(dtype=vec3),
-        histories: wp.array2d(dtype=wp.vec3i),
-        force: wp.array2d(dtype=vec3),
-        pressure: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        last: wp.array2d(dtype=vec3),
-        ahead: wp.array2d(dtype=vec3),
-        inner: wp.array2d(dtype=vec3),
-        given: wp.array2d(dtype=real),
-    ):
+        go, row, begun, changes, moving, num_terms, values, histories: wp.array2d(dtype=wp.vec3i),
+        force, pressure, increment, last, ahead, inner, given,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -136,18 +100,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def move_supports(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        factors: wp.array3d(dtype=real),
-        moving: wp.array(dtype=int),
-        num_terms: int,
-        values: wp.array2d(dtype=vec3),
-        histories: wp.array2d(dtype=wp.vec3i),
-        ahead: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-    ):
+        go, inverted, row, factors, moving, num_terms, values,
+        histories: wp.array2d(dtype=wp.vec3i), ahead, increment, displacement,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0 or inverted[body] != 0:
             return
@@ -167,25 +122,10 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def hold_slides(
-        go: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        begun: wp.array(dtype=int),
-        changes: wp.array3d(dtype=real),
-        keep: wp.array(dtype=real),
-        speed_share: wp.array(dtype=real),
-        points: wp.array(dtype=int),
-        directions: wp.array2d(dtype=vec3),
-        values: wp.array2d(dtype=real),
-        histories: wp.array2d(dtype=int),
-        external: wp.array2d(dtype=vec3),
-        mobility: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-        last: wp.array2d(dtype=real),
-        ahead: wp.array2d(dtype=real),
-        pull: wp.array2d(dtype=real),
-        given: wp.array2d(dtype=real),
-    ):
+        go, row, begun, changes, keep, speed_share, points, directions,
+        values: wp.array2d(dtype=real), histories, external, mobility, increment, force,
+        last: wp.array2d(dtype=real), ahead: wp.array2d(dtype=real), pull, given,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -217,16 +157,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def settle_slides(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        factors: wp.array3d(dtype=real),
-        points: wp.array(dtype=int),
-        directions: wp.array2d(dtype=vec3),
-        values: wp.array2d(dtype=real),
-        histories: wp.array2d(dtype=int),
-        displacement: wp.array2d(dtype=vec3),
-    ):
+        go, inverted, row, factors, points, directions, values: wp.array2d(dtype=real), histories,
+        displacement,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0 or inverted[body] != 0:
             return
@@ -238,16 +171,7 @@ def make(kit: Kit) -> None:
                 displacement[body, points[k]] = position - (wp.dot(n, position) - goal) * n
 
     @kit.kernel
-    def count_pushes(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        pushed: wp.array(dtype=int),
-        is_free: wp.array2d(dtype=vec3),
-        pressure: wp.array2d(dtype=vec3),
-        touch: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        given: wp.array2d(dtype=real),
-    ):
+    def count_pushes(go, inverted, pushed, is_free, pressure, touch, increment, given):
         body, k = wp.tid()
         if go[body] == 0 or inverted[body] != 0:
             return

@@ -14,22 +14,12 @@ from palpate.fastsim.gpu.kernels.kit import Kit
 
 def make(kit: Kit) -> None:
     """Make the four kernels, over bodies and cells, edges or nodes."""
-    wp, real, vec3, vec6, mat33 = kit.wp, kit.real, kit.vec3, kit.vec6, kit.mat33
+    wp, real, vec6, mat33 = kit.wp, kit.real, kit.vec6, kit.mat33
     gradient_of, twice_strain, first_stress, spread_forces = make_formulas(kit)
     det_of = make_det(kit)
-    vec6i = wp.types.vector(6, int)
 
     @kit.kernel
-    def strain_cells(
-        go: wp.array(dtype=int),
-        displacement: wp.array2d(dtype=vec3),
-        corners: wp.array(dtype=wp.vec4i),
-        gradients: wp.array(dtype=mat33),
-        volumes: wp.array(dtype=real),
-        is_green: int,
-        strains: wp.array2d(dtype=vec6),
-        inverted: wp.array(dtype=int),
-    ):
+    def strain_cells(go, displacement, corners, gradients, volumes, is_green, strains, inverted):
         body, cell = wp.tid()
         if go[body] == 0:
             return
@@ -40,16 +30,7 @@ def make(kit: Kit) -> None:
             inverted[body] = 1
 
     @kit.kernel
-    def smooth_edges(
-        go: wp.array(dtype=int),
-        strains: wp.array2d(dtype=vec6),
-        start: wp.array(dtype=int),
-        entries: wp.array(dtype=int),
-        weights: wp.array(dtype=real),
-        kinds: wp.array(dtype=int),
-        moduli: wp.array2d(dtype=real),
-        stresses: wp.array2d(dtype=vec6),
-    ):
+    def smooth_edges(go, strains, start, entries, weights, kinds, moduli, stresses):
         body, edge = wp.tid()
         if go[body] == 0:
             return
@@ -59,16 +40,7 @@ def make(kit: Kit) -> None:
         stresses[body, edge] = (weights[edge] * moduli[body, 2 * kinds[edge] + 1]) * total
 
     @kit.kernel
-    def smooth_nodes(
-        go: wp.array(dtype=int),
-        strains: wp.array2d(dtype=vec6),
-        start: wp.array(dtype=int),
-        entries: wp.array(dtype=int),
-        weights: wp.array(dtype=real),
-        kinds: wp.array(dtype=int),
-        moduli: wp.array2d(dtype=real),
-        pressures: wp.array2d(dtype=real),
-    ):
+    def smooth_nodes(go, strains, start, entries, weights, kinds, moduli, pressures):
         body, node = wp.tid()
         if go[body] == 0:
             return
@@ -80,20 +52,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def force_smoothed_cells(
-        go: wp.array(dtype=int),
-        displacement: wp.array2d(dtype=vec3),
-        corners: wp.array(dtype=wp.vec4i),
-        gradients: wp.array(dtype=mat33),
-        volumes: wp.array(dtype=real),
-        cell_edges: wp.array(dtype=vec6i),
-        cell_nodes: wp.array(dtype=wp.vec4i),
-        stresses: wp.array2d(dtype=vec6),
-        pressures: wp.array2d(dtype=real),
-        is_green: int,
-        is_atomic: int,
-        cell_forces: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-    ):
+        go, displacement, corners, gradients, volumes, cell_edges, cell_nodes, stresses, pressures,
+        is_green, is_atomic, cell_forces, force,
+    ):  # fmt: skip
         body, cell = wp.tid()
         if go[body] == 0:
             return

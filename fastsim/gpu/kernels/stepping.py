@@ -14,23 +14,14 @@ NONE, INVERTED_CELL, OUT_OF_BOUNDS, ENERGY_GROWTH, DEEP_IN_TOOL = range(5)
 
 def make(kit: Kit) -> None:
     """Make the kernels over bodies and points, and over bodies."""
-    wp, real, vec3 = kit.wp, kit.real, kit.vec3
+    wp = kit.wp
     inverted_cell = wp.constant(INVERTED_CELL)
     out_of_bounds = wp.constant(OUT_OF_BOUNDS)
     deep_in_tool = wp.constant(DEEP_IN_TOOL)
 
     @kit.kernel
     def move_points(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        keep: wp.array(dtype=real),
-        limit: real,
-        external: wp.array2d(dtype=vec3),
-        force: wp.array2d(dtype=vec3),
-        mobility: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        displacement: wp.array2d(dtype=vec3),
-        outside: wp.array(dtype=int),
+        go, inverted, keep, limit, external, force, mobility, increment, displacement, outside
     ):
         body, point = wp.tid()
         if go[body] == 0 or inverted[body] != 0:
@@ -49,17 +40,7 @@ def make(kit: Kit) -> None:
             outside[body] = 1
 
     @kit.kernel
-    def finish_step(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        outside: wp.array(dtype=int),
-        unknown: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        last_row: wp.array(dtype=int),
-        since_good: wp.array(dtype=int),
-        begun: wp.array(dtype=int),
-        status: wp.array(dtype=int),
-    ):
+    def finish_step(go, inverted, outside, unknown, row, last_row, since_good, begun, status):
         body = wp.tid()
         if go[body] == 0:
             return

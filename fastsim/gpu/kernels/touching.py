@@ -105,12 +105,7 @@ def make(kit: Kit) -> None:
         return stop
 
     @kit.kernel
-    def clear_touch(
-        go: wp.array(dtype=int),
-        vertices: wp.array(dtype=int),
-        unknown: wp.array(dtype=int),
-        touch: wp.array2d(dtype=vec3),
-    ):
+    def clear_touch(go, vertices, unknown, touch):
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -119,30 +114,11 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def touch_vertices(
-        go: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        number: int,
-        tools: wp.array2d(dtype=Tool),
-        tool_steps: wp.array3d(dtype=vec13),
-        increments: wp.array2d(dtype=f64),
-        offsets: wp.array2d(dtype=f64),
-        first: int,
-        vertices: wp.array(dtype=int),
-        stiffness: wp.array2d(dtype=f64),
-        keep: wp.array(dtype=real),
-        rest: wp.array(dtype=vec3d),
-        displacement: wp.array2d(dtype=vec3),
-        increment: wp.array2d(dtype=vec3),
-        external: wp.array2d(dtype=vec3),
-        mobility: wp.array2d(dtype=vec3),
-        begins: wp.array2d(dtype=vec3d),
-        is_known: wp.array2d(dtype=int),
-        force: wp.array2d(dtype=vec3),
-        touch: wp.array2d(dtype=vec3),
-        acting: wp.array2d(dtype=vec3d),
-        vertex_moments: wp.array2d(dtype=vec3d),
-        extremes: wp.array2d(dtype=vec2d),
-    ):
+        go, row, number, tools: wp.array2d(dtype=Tool), tool_steps: wp.array3d(dtype=vec13),
+        increments, offsets, first, vertices, stiffness, keep, rest, displacement, increment,
+        external, mobility, begins: wp.array2d(dtype=vec3d), is_known, force, touch, acting,
+        vertex_moments, extremes,
+    ):  # fmt: skip
         body, k = wp.tid()
         if go[body] == 0:
             return
@@ -219,16 +195,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def sum_touch_chunks(
-        go: wp.array(dtype=int),
-        first: int,
-        last: int,
-        acting: wp.array2d(dtype=vec3d),
-        vertex_moments: wp.array2d(dtype=vec3d),
-        extremes: wp.array2d(dtype=vec2d),
-        chunk_forces: wp.array2d(dtype=vec3d),
-        chunk_moments: wp.array2d(dtype=vec3d),
-        chunk_extremes: wp.array2d(dtype=vec2d),
-    ):
+        go, first, last: int, acting, vertex_moments, extremes, chunk_forces, chunk_moments,
+        chunk_extremes,
+    ):  # fmt: skip
         body, chunk = wp.tid()
         if go[body] == 0:
             return
@@ -248,18 +217,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def sum_touch(
-        go: wp.array(dtype=int),
-        number: int,
-        num_chunks: int,
-        tools: wp.array2d(dtype=Tool),
-        chunk_forces: wp.array2d(dtype=vec3d),
-        chunk_moments: wp.array2d(dtype=vec3d),
-        chunk_extremes: wp.array2d(dtype=vec2d),
-        forces: wp.array2d(dtype=vec3d),
-        moments: wp.array2d(dtype=vec3d),
-        gaps: wp.array2d(dtype=f64),
-        unknown: wp.array(dtype=int),
-    ):
+        go, number, num_chunks, tools: wp.array2d(dtype=Tool), chunk_forces, chunk_moments,
+        chunk_extremes, forces, moments, gaps, unknown,
+    ):  # fmt: skip
         body = wp.tid()
         if go[body] == 0:
             return
@@ -282,18 +242,9 @@ def make(kit: Kit) -> None:
 
     @kit.kernel
     def move_tools(
-        go: wp.array(dtype=int),
-        inverted: wp.array(dtype=int),
-        row: wp.array(dtype=int),
-        begun: wp.array(dtype=int),
-        time_step: wp.array(dtype=f64),
-        tools: wp.array2d(dtype=Tool),
-        tool_steps: wp.array3d(dtype=vec13),
-        forces: wp.array2d(dtype=vec3d),
-        impulses: wp.array2d(dtype=vec3d),
-        increments: wp.array2d(dtype=f64),
-        offsets: wp.array2d(dtype=f64),
-    ):
+        go, inverted, row, begun, time_step, tools: wp.array2d(dtype=Tool),
+        tool_steps: wp.array3d(dtype=vec13), forces, impulses, increments, offsets,
+    ):  # fmt: skip
         body, number = wp.tid()
         if go[body] == 0 or inverted[body] != 0:
             return
