@@ -47,6 +47,10 @@ class Maker:
         """An array of zeros."""
         return self.wp.zeros(shape, dtype=dtype, device=self.device)
 
+    def named_zeros(self, names: str, shape: int | tuple[int, ...], dtype: Any) -> dict[str, Any]:
+        """Arrays of zeros by name."""
+        return {name: self.zeros(shape, dtype) for name in names.split()}
+
     def groups(self, start: Indices, entries: NDArray[np.integer[Any]], **more: Any) -> Any:
         """Entries of numbered groups: those of group k from start[k] to start[k + 1]."""
         return SimpleNamespace(
@@ -131,21 +135,21 @@ def motion_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
     wp, real, vec3 = make.wp, make.real, make.vec3
     many, num_points = len(bodies), len(bodies[0].mass)
     shape = (many, num_points)
-    names = ("displacement", "increment", "force", "external", "pressure", "touch", "counted",
-             "good_displacement", "good_increment")  # fmt: skip
-    found = SimpleNamespace(**{name: make.zeros(shape, vec3) for name in names})
-    found.is_free = make.array([b.is_free for b in bodies], vec3)
-    found.mass = make.array([b.mass for b in bodies], wp.float64)
-    found.given = make.zeros(shape, real)
-    found.total_mass = make.array([b.mass.sum() for b in bodies], wp.float64)
-    found.time_step = make.array([b.time_step for b in bodies], wp.float64)
-    found.at_start = make.zeros(many, wp.float64)
-    for name in ("go", "status", "row", "last_row", "since_good", "begun", "inverted", "outside",
-                 "unknown", "is_good", "open_sums"):  # fmt: skip
-        setattr(found, name, make.zeros(many, int))
-    found.num_chunks = max(1, min(1024, num_points // 32))
-    found.sums = make.zeros((many, found.num_chunks), wp.vec3d)
-    return found
+    chunks = max(1, min(1024, num_points // 32))
+    return SimpleNamespace(
+        is_free=make.array([b.is_free for b in bodies], vec3),
+        mass=make.array([b.mass for b in bodies], wp.float64),
+        given=make.zeros(shape, real),
+        total_mass=make.array([b.mass.sum() for b in bodies], wp.float64),
+        time_step=make.array([b.time_step for b in bodies], wp.float64),
+        at_start=make.zeros(many, wp.float64),
+        num_chunks=chunks,
+        sums=make.zeros((many, chunks), wp.vec3d),
+        **make.named_zeros("displacement increment force external pressure touch", shape, vec3),
+        **make.named_zeros("counted good_displacement good_increment", shape, vec3),
+        **make.named_zeros("go status row last_row since_good begun inverted", many, int),
+        **make.named_zeros("outside unknown is_good open_sums", many, int),
+    )
 
 
 def scheme_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
@@ -231,9 +235,7 @@ def support_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         num_terms=terms,
         values=make.array(of_values.reshape(flat), make.vec3),
         histories=make.array(of_histories.reshape(flat), make.wp.vec3i),
-        last=make.zeros(shape, make.vec3),
-        ahead=make.zeros(shape, make.vec3),
-        inner=make.zeros(shape, make.vec3),
+        **make.named_zeros("last ahead inner", shape, make.vec3),
     )
 
 
@@ -260,9 +262,7 @@ def slide_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
         directions=make.array(directions, make.vec3),
         values=make.array(values, make.real),
         histories=make.array(histories, int),
-        last=make.zeros((many, 2 * len(points)), make.real),
-        ahead=make.zeros((many, 2 * len(points)), make.real),
-        pull=make.zeros((many, 2 * len(points)), make.real),
+        **make.named_zeros("last ahead pull", (many, 2 * len(points)), make.real),
     )
 
 
@@ -305,20 +305,13 @@ def tool_arrays(make: Maker, bodies: Sequence[BodyData], Tool: Any) -> Any | Non
         vertices=make.array(vertices, int),
         stiffness=make.array(stiffness, f64),
         rest=make.array(bodies[0].body.mesh.points, wp.vec3d),
-        begins=make.zeros((many, total), wp.vec3d),
         is_known=make.zeros((many, total), int),
-        acting=make.zeros((many, total), wp.vec3d),
-        vertex_moments=make.zeros((many, total), wp.vec3d),
         extremes=make.zeros((many, total), wp.vec2d),
-        chunk_forces=make.zeros((many, most), wp.vec3d),
-        chunk_moments=make.zeros((many, most), wp.vec3d),
         chunk_extremes=make.zeros((many, most), wp.vec2d),
-        forces=make.zeros((many, count), wp.vec3d),
-        moments=make.zeros((many, count), wp.vec3d),
-        gaps=make.zeros((many, count), f64),
-        impulses=make.zeros((many, count), wp.vec3d),
-        increments=make.zeros((many, count), f64),
-        offsets=make.zeros((many, count), f64),
+        **make.named_zeros("begins acting vertex_moments", (many, total), wp.vec3d),
+        **make.named_zeros("chunk_forces chunk_moments", (many, most), wp.vec3d),
+        **make.named_zeros("forces moments impulses", (many, count), wp.vec3d),
+        **make.named_zeros("gaps increments offsets", (many, count), f64),
     )
 
 

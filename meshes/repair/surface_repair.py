@@ -63,42 +63,37 @@ class RepairReport:
 
     def lines(self) -> list[str]:
         """One line of text for each kind of change."""
-        holes = sum(map(len, self.caps))
         edges = [len(loop) for loop in self.filled_holes]
+        left = [len(loop) for loop in self.open_holes]
         said = (
-            (self.unused_points, f"{len(self.unused_points)} point(s) without a facet left out"),
-            (self.merged_points, f"{self.merged_points} point(s) merged into a near one"),
-            (self.cut_edges, f"{self.cut_edges} open edge(s) cut at points that lie on them"),
-            (self.dropped_facets, f"{len(self.dropped_facets)} flat or repeated facet(s) dropped"),
-            (
-                self.fin_facets,
-                f"{len(self.fin_facets)} facet(s) of fins, inner walls and scraps removed",
-            ),
-            (self.loose_facets, f"{len(self.loose_facets)} facet(s) of small loose parts dropped"),
-            (self.flipped_edges, f"{self.flipped_edges} edge(s) across flat facets flipped"),
+            (len(self.unused_points), "point(s) without a facet left out"),
+            (self.merged_points, "point(s) merged into a near one"),
+            (self.cut_edges, "open edge(s) cut at points that lie on them"),
+            (len(self.dropped_facets), "flat or repeated facet(s) dropped"),
+            (len(self.fin_facets), "facet(s) of fins, inner walls and scraps removed"),
+            (len(self.loose_facets), "facet(s) of small loose parts dropped"),
+            (self.flipped_edges, "edge(s) across flat facets flipped"),
             (
                 self.split_points,
-                f"{self.split_points} point(s) where sheets touched split, moved by at most "
-                f"{self.gap:.3g} m",
+                f"point(s) where sheets touched split, moved by at most {self.gap:.3g} m",
             ),
-            (self.turned_facets, f"{len(self.turned_facets)} facet(s) turned round"),
+            (len(self.turned_facets), "facet(s) turned round"),
             (
-                self.filled_holes,
-                f"{len(edges)} hole(s) closed by {holes} facet(s), of {_few(edges)} edges",
-            ),
-            (
-                self.open_holes,
-                f"{len(self.open_holes)} hole(s) left open, of "
-                f"{_few([len(h) for h in self.open_holes])} edges: longer than the largest hole "
-                "to close, or no cap fits",
+                len(edges),
+                f"hole(s) closed by {sum(map(len, self.caps))} facet(s), of {_few(edges)} edges",
             ),
             (
-                self.small_parts,
-                f"{len(self.small_parts)} small loose part(s) kept, the largest "
+                len(left),
+                f"hole(s) left open, of {_few(left)} edges: longer than the largest hole to close, "
+                "or no cap fits",
+            ),
+            (
+                len(self.small_parts),
+                "small loose part(s) kept, the largest "
                 f"{max(self.small_parts, default=0.0):.3g} m long",
             ),
         )
-        return [line for what, line in said if what]
+        return [f"{count} {what}" for count, what in said if count]
 
 
 def _few(numbers: list[int]) -> str:
