@@ -289,7 +289,8 @@ class DiscreteProblem(ElasticBody):
         self._followers = [*followers, *spring_forces(self, problem.springs)]
         trial = ufl.TrialFunction(self._unknown.function_space)
         self._tangent = fenicsx.form(self.work_change(trial))
-        self._matrix = fenicsx.create_matrix(self._tangent)
+        groups = [group for contact in self.contacts for group in contact.reached]
+        self._matrix = fenicsx.create_matrix(self._tangent, groups)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:

@@ -20,13 +20,13 @@ import logging
 import re
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.reference import availability
 from palpate.reference.jit_cache import (
     cache_folder,
@@ -284,9 +284,30 @@ def form(expression: Any) -> Any:
     return fem.form(expression, jit_options=_OPTIONS)
 
 
-def create_matrix(compiled: Any) -> Any:
-    """Return an empty PETSc matrix with the pattern of a compiled bilinear form."""
-    return dolfinx.fem.petsc.create_matrix(compiled)
+def create_matrix(compiled: Any, groups: Sequence[Indices] = ()) -> Any:
+    """Return an empty PETSc matrix with the pattern of a compiled bilinear form.
+
+    Args:
+        compiled: The form.
+        groups: Unknowns between which there is an entry each as well; on a single rank.
+    """
+    matrix = dolfinx.fem.petsc.create_matrix(compiled)
+    if not groups:
+        return matrix
+    # The assembly of a matrix without values would drop its pattern.
+    assemble_into_matrix(matrix, compiled)
+    starts, columns, _ = matrix.getValuesCSR()
+    shape, blocks, maps = matrix.getSize(), matrix.getBlockSizes(), matrix.getLGMap()
+    matrix.destroy()
+    rows = np.repeat(np.arange(shape[0], dtype=np.int64), np.diff(starts))
+    pairs = [(shape[1] * own[:, None].astype(np.int64) + own).ravel() for own in groups]
+    entries = np.unique(np.concatenate([shape[1] * rows + columns, *pairs]))
+    rows, columns = np.divmod(entries, shape[1])
+    starts = np.searchsorted(rows, np.arange(shape[0] + 1))
+    csr = (starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), np.zeros(len(columns)))
+    wider = PETSc.Mat().createAIJ(shape, bsize=blocks, csr=csr, comm=COMM)
+    wider.setLGMap(*maps)
+    return wider
 
 
 def assemble_into_matrix(matrix: Any, compiled: Any) -> None:

@@ -22,7 +22,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import find_contact_points, require_outside
+from palpate.reference.contact.contact_points import find_contact_points
+from palpate.reference.contact.tool_contact import require_nodes, require_outside
 from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -46,6 +47,7 @@ class SteppedTools:
     def __init__(
         self, problem: Problem, space: TransferredSpace, fixed: Indices, mobility: Floats
     ) -> None:
+        require_nodes(problem.tools, space.degree)
         loose = mobility.copy()
         loose[fixed] = 0.0
         self._tools = [_SteppedTool(tool, space, fixed, loose) for tool in problem.tools]

@@ -37,6 +37,7 @@ from palpate.reference.contact.tool_contact import (
     ToolContact,
     TouchingNodes,
     create_contacts,
+    require_nodes,
     require_outside,
 )
 from palpate.reference.mesh_transfer import TransferredSpace
@@ -177,6 +178,7 @@ class ImplicitTools:
         self._is_rough = any(tool.friction_coefficient > 0.0 for tool in problem.tools)
         carried = _OVER_TOLERANCE * tolerance
         self._carried = max(carried, _OF_DRAG) if self._is_rough else carried
+        require_nodes(problem.tools, space.degree)
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, fixed)
         self.driven = tuple(DrivenTool(c) for c in self._contacts if c.tool.drive is not None)
         self._fixed = fixed

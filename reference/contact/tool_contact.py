@@ -1,20 +1,20 @@
 """Contact with a rigid tool by the augmented Lagrangian, with Coulomb friction.
 
-With the gap g(x) of the deformed position x = X + u from the tool, its normal n = grad g, and a
-multiplier p per rest area at every contact node:
+With the gap g_i of the deformed surface from the tool at every constraint i (`contact_points`), and
+a multiplier p_i per rest area a_i:
 
-    t = max(0, p - k g),   virtual work on the body = sum over nodes of area t n . v
+    t_i = max(0, p_i - k g_i),   virtual work on the body = sum over constraints of a_i t_i dg_i
 
 an Uzawa step sets p = t at equilibrium, until the forces no longer change; then g >= 0, t >= 0,
-t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
+t g = 0 at the constraints. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
 problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
 Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
 
-Contact is tested at nodes of the boundary. The area of a node is the integral of its shape function
-over the contact facets: a quadrature of the facets that is exact to the degree of the displacement
-and has no more constraints than the surface has nodes (Gauss points on a curved tool have more, and
-lock). Degree 1: the vertices, a third of each facet, the discrete problem of linear simulators.
-Degree 2: the midpoints of the edges, a third of each facet; the vertices have no area.
+With the normal n and the curvature H of the distance at points q, minus the derivative of the
+nodal forces is sum_i a_i k dg_i dg_i over the active constraints less sum_q (sum_i a_i t_i c_qi) H.
+
+Degrees 2 and 3 have contact at nodes whatever rule a tool has: they approximate the continuum, of
+which the rule is no part, and their shape functions of vertices have no area.
 
 Friction: with the displacement s of a node along the tool since the last equilibrium, relative to
 the tool, the normal n, and a multiplier q per rest area:
@@ -40,86 +40,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape, RigidTool
+from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool, ToolError
 from palpate.reference import fenicsx
+from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_distance import ContactFaces, Distance, tool_distance
-from palpate.reference.fenicsx import all_rows, ufl
-from palpate.reference.loads import traction_work
+from palpate.reference.fenicsx import all_rows
 from palpate.reference.mesh_transfer import TransferredSpace
 
 
 @dataclass(frozen=True, eq=False)
-class ContactPoints:
-    """Nodes of the surface that may touch a tool.
-
-    Attributes:
-        nodes: Blocked dofs that this rank owns, shape (n,).
-        dofs: Indices of their displacements in a flat vector of all unknowns, shape (n, 3).
-        rest: Rest positions [m], shape (n, 3).
-        areas: Part of the rest area [m2], shape (n,), >= 0; 0 only for nodes without a constraint.
-        facet_size: Root of twice the mean facet area [m].
-    """
-
-    nodes: Indices
-    dofs: Indices
-    rest: Points
-    areas: Floats
-    facet_size: float
-
-    def positions(self, displacement: Floats) -> Points:
-        """Deformed positions of the nodes for a flat vector of all unknowns [m], shape (n, 3)."""
-        placed: Points = self.rest + displacement[self.dofs]
-        return placed
-
-
-def find_contact_points(
-    space: TransferredSpace, facets: Indices, fixed: Indices, numbers: Indices | None = None
-) -> ContactPoints:
-    """Collect the nodes of the facets that may touch a tool.
-
-    Nodes that are fixed along all three axes are left out.
-
-    Args:
-        space: Displacement space.
-        facets: Facets by the mesh's points, shape (m, 3); empty is the whole boundary.
-        fixed: Degrees of freedom of the displacement that are fixed, shape (n,).
-        numbers: Indices of displacements among all unknowns, shape (at least 3 num_blocks,); None
-            where there are no other unknowns.
-    """
-    source = space.transferred.source
-    chosen = facets if len(facets) else source.boundary_facets
-    v = ufl.TestFunction(space.space)
-    # The same form as for any traction, so that nothing more is compiled.
-    work = traction_work(space, Traction(chosen, (1.0, 1.0, 1.0)), v, "a tool")
-    nodal = fenicsx.assemble_vector(fenicsx.form(work))[::3]
-    corners = source.points[chosen]
-    doubled = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    entities = space.transferred.facet_entities(chosen, "a tool")
-    nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
-    nodes = nodes[nodes < space.num_blocks]
-    nodes = nodes[np.bincount(fixed // 3, minlength=space.num_blocks)[nodes] < 3]
-    # For degree 2 the shape functions of vertices integrate to rounding errors.
-    least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
-    areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
-    dofs = 3 * nodes[:, None] + np.arange(3, dtype=np.int32)
-    if numbers is not None:
-        dofs = numbers[dofs]
-    size = float(np.sqrt(doubled.mean()))
-    return ContactPoints(nodes, dofs, space.coordinates[nodes], areas, size)
-
-
-@dataclass(frozen=True, eq=False)
 class Drag:
-    """Friction on n nodes.
+    """Friction on n points.
 
     Attributes:
         traction: Traction on the body per rest area [Pa], shape (n, 3).
-        stiffness: Minus its derivative by the node's position, at this normal and bound [Pa/m],
+        stiffness: Minus its derivative by the point's position, at this normal and bound [Pa/m],
             shape (n, 3, 3), symmetric.
         sticks: Whether a pressed node has friction below the bound, shape (n,).
     """
@@ -211,8 +148,9 @@ class ToolState:
     Attributes:
         force: On the tool [N], shape (3,).
         moment: On the tool about its origin [N m], shape (3,).
-        active_area: Rest area of the nodes that press on it [m2].
-        penetration: Largest depth of a node of the surface inside the tool [m], >= 0.
+        active_area: Rest area of the constraints that press on it [m2].
+        penetration: Largest depth of a contact point inside the tool [m], >= 0; over facets, whose
+            gaps are averages, it is not near 0.
     """
 
     force: Floats
@@ -265,6 +203,7 @@ class ToolContact:
 
     Raises:
         InputError: Contact facets are inside the body.
+        ToolError: Contact over facets where it is not modelled, see `contact_rule`.
     """
 
     def __init__(
@@ -278,7 +217,8 @@ class ToolContact:
     ) -> None:
         self.tool = tool
         self.source_points = space.transferred.source.points
-        self.points = find_contact_points(space, tool.contact_facets, fixed, numbers)
+        rule = contact_rule(tool, space.degree)
+        self.points = find_contact_points(space, tool.contact_facets, fixed, numbers, rule)
         self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches the body must not press on it by rounding errors.
@@ -286,7 +226,7 @@ class ToolContact:
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
         self._faces = ContactFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
-        self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
+        self._friction = Friction(tool.friction_coefficient, len(self.points.point_areas))
         self._drag_part = 1.0
         self._way = np.zeros(3)
         self.begin()
@@ -356,8 +296,10 @@ class ToolContact:
             forces: Forces of the tool on the nodes at equilibrium [N], flat.
         """
         distance = self._distance(displacement)
-        pushed = np.sum(forces.reshape(-1, 3)[self.points.nodes] * distance.normal, axis=1)
-        touches = distance.gap < _TOUCHES * self.points.facet_size
+        # Where the normal is constant a dual constraint gives forces to its own node alone.
+        normal = np.stack([self.points.gaps(along) for along in distance.normal.T], axis=1)
+        pushed = np.sum(forces.reshape(-1, 3)[self.points.nodes] * normal, axis=1)
+        touches = self.points.gaps(distance.gap) < _TOUCHES * self.points.facet_size
         with_area = np.where(self.points.areas > 0.0, self.points.areas, np.inf)
         self.pressure = np.where(touches, np.maximum(0.0, pushed) / with_area, 0.0)
 
@@ -366,9 +308,10 @@ class ToolContact:
         self._penalty = factor * self._at_rest
 
     def clearance(self, displacement: Floats) -> float:
-        """Smallest distance of the contact nodes from the tool [m], 0 where one touches it."""
+        """Smallest distance of points and constraints from the tool [m], 0 where one touches it."""
         gap = self._distance(displacement).gap
-        return max(0.0, fenicsx.smallest(float(gap.min(initial=np.inf))))
+        least = min(float(gaps.min(initial=np.inf)) for gaps in (gap, self.points.gaps(gap)))
+        return max(0.0, fenicsx.smallest(least))
 
     def stiffen(self, inertia: float) -> None:
         """Raise the penalties to balance the inertia in a time step, which dominates short steps.
@@ -401,9 +344,10 @@ class ToolContact:
         """
         if self._faces is None:
             return 0, False
-        pressed = self._tractions(self._distance(displacement)) > 0.0
+        pressed = self.points.around(self._tractions(self._distance(displacement)) > 0.0)
         off, again = self._faces.let_go(self._local(displacement), pressed)
-        self.pressure = np.where(off, 0.0, self.pressure)
+        is_off = self.points.gaps(np.where(off, 1.0, 0.0)) == 1.0  # with all of its points
+        self.pressure = np.where(is_off, 0.0, self.pressure)
         self._friction.let_go(off)
         return fenicsx.total(int(off.sum())), fenicsx.total(int(again)) > 0
 
@@ -425,62 +369,85 @@ class ToolContact:
         return dataclasses.replace(found, gap=found.gap + self._rounding)
 
     def _tractions(self, distance: Distance) -> Floats:
-        tractions: Floats = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
+        """Pressures at the constraints per rest area [Pa], shape (n,)."""
+        gaps = self.points.gaps(distance.gap)
+        tractions: Floats = np.maximum(0.0, self.pressure - self._penalty * gaps)
         return tractions
 
     def _dragged(self, displacement: Floats, distance: Distance) -> Drag:
+        # With friction every point is a node, and has a constraint of its own.
         local, rotation = self._local(displacement), self.rotation
         penalty = self._drag_part * self._penalty
         return self._friction.drag(local, rotation, distance.normal, self.pressure, penalty)
 
-    def _vectors(self, displacement: Floats) -> Points:
-        """Tractions on the body per rest area [Pa], shape (n, 3)."""
+    def _point_forces(self, pressures: Floats, normals: Points, drag: Points) -> Points:
+        """Forces on the body at the points [N], shape (m q, 3).
+
+        Args:
+            pressures: At the constraints [Pa], shape (n,).
+            normals: Of the tool at the points [-], shape (m q, 3).
+            drag: Friction there per rest area [Pa], shape (m q, 3).
+        """
+        along: Points = self.points.loads(pressures)[:, None] * normals
+        return along + self.points.point_areas[:, None] * drag
+
+    def _forces_at(self, displacement: Floats) -> Points:
         distance = self._distance(displacement)
-        tractions = self._tractions(distance)
-        along: Points = tractions[:, None] * distance.normal
-        return along + self._dragged(displacement, distance).traction
+        drag = self._dragged(displacement, distance).traction
+        return self._point_forces(self._tractions(distance), distance.normal, drag)
 
     def force(self, displacement: Floats) -> Floats:
         """Nodal forces on the body [N], flat."""
-        return self._spread(self._vectors(displacement))
+        return self.points.at_nodes(self._forces_at(displacement), self._num_dofs)
 
-    def _spread(self, tractions: Points) -> Floats:
-        flat = np.zeros(self._num_dofs)
-        flat[self.points.dofs] = self.points.areas[:, None] * tractions
-        return flat
-
-    def add_tangent(self, matrix: Any, displacement: Points) -> None:
-        """Add -d(force)/du to a PETSc matrix."""
-        blocks, touching = self._stiffness(displacement)
-        for a in np.flatnonzero(touching).tolist():
-            dofs = self.points.dofs[a]
-            matrix.setValuesLocal(dofs, dofs, blocks[a], addv=True)
+    def add_tangent(self, matrix: Any, displacement: Floats) -> None:
+        """Add -d(force)/du to a PETSc matrix with room for it (see `reached`)."""
+        distance = self._distance(displacement)
+        stiffness, is_active = self._stiffness(displacement, distance)
+        dofs, gradients = self.points.gradients(distance.normal)
+        for i in np.flatnonzero(is_active).tolist():
+            row = gradients[i]
+            block = self._penalty * self.points.areas[i] * np.outer(row, row)
+            matrix.setValuesLocal(dofs[i], dofs[i], block, addv=True)
+        blocks = self.points.blocks(stiffness)
+        for m in np.flatnonzero(blocks.any(axis=(1, 2))).tolist():
+            own = self.points.dofs[m].ravel()
+            matrix.setValuesLocal(own, own, blocks[m], addv=True)
         matrix.assemble()
+
+    @property
+    def reached(self) -> list[Indices]:
+        """Groups of unknowns between which `add_tangent` has entries; those of a cell are left out.
+
+        A constraint over facets couples vertices that have no cell in common.
+        """
+        return self.points.reached() if len(self.points.shares) > 1 else []
 
     def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
         """Derivative of the force on the tool along a unit vector, by displacement, flat [N/m]."""
-        blocks, touching = self._stiffness(displacement)
-        flat = np.zeros(self._num_dofs)
-        flat[self.points.dofs[touching]] = blocks[touching].transpose(0, 2, 1) @ direction
-        return flat
-
-    def _stiffness(self, displacement: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """-d(nodal force)/du, area (k n n - t grad n) [N/m], and at which points it is not zero.
-
-        With friction it includes the stiffness of `Drag`, which is symmetric.
-        """
         distance = self._distance(displacement)
-        tractions = self._tractions(distance)
-        areas = self.points.areas
-        n = distance.normal
-        blocks = self._penalty * n[:, :, None] * n[:, None, :]
-        blocks -= tractions[:, None, None] * distance.curvature
-        blocks[tractions == 0.0] = 0.0
-        blocks += self._dragged(displacement, distance).stiffness
-        blocks *= areas[:, None, None]
-        # A node that has just lost contact has friction until its multiplier is updated.
-        touching = tractions + self._friction.coefficient * self.pressure
-        return blocks, areas * touching > 0.0
+        stiffness, is_active = self._stiffness(displacement, distance)
+        # The tangent is symmetric: the change of the nodal forces as all points move along it.
+        rates = np.where(is_active, self.points.gaps(distance.normal @ direction), 0.0)
+        changes = self.points.loads(self._penalty * rates)[:, None] * distance.normal
+        return self.points.at_nodes(changes + stiffness @ direction, self._num_dofs)
+
+    def _stiffness(
+        self, displacement: Floats, distance: Distance
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """The stiffness at the points themselves [N/m], and which constraints are active.
+
+        That is the curvature's part of the derivative, and with friction the stiffness of `Drag`,
+        which is symmetric.
+        """
+        tractions, areas = self._tractions(distance), self.points.areas
+        stiffness = -self.points.loads(tractions)[:, None, None] * distance.curvature
+        mu = self._friction.coefficient
+        if mu > 0.0:
+            # A node that has just lost contact has friction until its multiplier is updated.
+            touched = np.where(tractions + mu * self.pressure > 0.0, areas, 0.0)
+            stiffness += touched[:, None, None] * self._dragged(displacement, distance).stiffness
+        return stiffness, areas * tractions > 0.0
 
     def rounding_error(self, displacement: Floats) -> float:
         """Largest norm of the nodal forces due to rounding of the gaps [N].
@@ -504,10 +471,11 @@ class ToolContact:
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
         drag = self._dragged(displacement, distance).traction
-        before = self._spread(
-            self.pressure[:, None] * distance.normal + self._friction.carried(self.rotation)
+        carried = self._friction.carried(self.rotation)
+        before, after = (
+            self.points.at_nodes(self._point_forces(p, distance.normal, q), self._num_dofs)
+            for p, q in ((self.pressure, carried), (tractions, drag))
         )
-        after = self._spread(tractions[:, None] * distance.normal + drag)
         change, size = fenicsx.norm(after - before), fenicsx.norm(after)
         if change > enough * size:
             self.pressure = tractions
@@ -518,7 +486,7 @@ class ToolContact:
         """Force and moment on the tool."""
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
-        forces = -self.points.areas[:, None] * self._vectors(displacement)
+        forces = -self._forces_at(displacement)
         arms = self.points.positions(displacement) - self.position
         return ToolState(
             force=fenicsx.total(forces.sum(axis=0)),
@@ -526,6 +494,36 @@ class ToolContact:
             active_area=fenicsx.total(float(self.points.areas[tractions > 0.0].sum())),
             penetration=max(0.0, fenicsx.largest(float(-distance.gap.min(initial=0.0)))),
         )
+
+
+def contact_rule(tool: RigidTool, degree: int) -> ContactRule:
+    """Where a displacement of a degree is kept out of a tool; VERTICES stands for nodes.
+
+    Raises:
+        ToolError: Contact over facets with friction, with a box, or on several ranks.
+    """
+    if degree > 1 or tool.contact is ContactRule.VERTICES:
+        return ContactRule.VERTICES
+    refused = ""
+    if tool.friction_coefficient > 0.0:
+        refused = f"and friction of {tool.friction_coefficient:g}: set 0"
+    elif isinstance(tool.shape, BoxShape):
+        refused = "and is a box, whose points have no face of entry: take another shape"
+    elif fenicsx.COMM.size > 1:
+        refused = f"and the mesh is spread over {fenicsx.COMM.size} ranks: take one rank"
+    if refused:
+        raise ToolError(f'a tool has contact = "facets" {refused}, or contact = "vertices"')
+    return ContactRule.FACETS
+
+
+def require_nodes(tools: Sequence[RigidTool], degree: int) -> None:
+    """Raise ToolError where a tool has contact over facets in motion, which is not modelled."""
+    for number, tool in enumerate(tools, start=1):
+        if contact_rule(tool, degree) is ContactRule.FACETS:
+            raise ToolError(
+                f'tool {number} has contact = "facets", which the reference has in statics only: '
+                'set contact = "vertices"'
+            )
 
 
 def require_outside(gaps: Sequence[float]) -> None:
