@@ -87,7 +87,7 @@ def simulate_implicit(
         ReferenceStepError: A step has no solution, however short; has the last accepted state.
 
     Note:
-        Tools touch the body at nodes (see `ContactPoints`); a tool driven by a force has a mass
+        Tools touch the body at nodes (see `contact_points`); a tool driven by a force has a mass
         and moves along its line, from rest (see `DrivenTool`). Where contact forces jump (a node
         comes into contact, or friction acts from the start) steps are of first order.
         The method is unconditionally stable for linear problems only. Oscillations that the time

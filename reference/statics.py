@@ -71,7 +71,8 @@ def solve_static(
     Raises:
         InputError: The problem cannot be used: too few supports, a tool driven by a force that is
             not the only tool, has friction or starts too near, values that are not finite,
-            overlapping cells, or an element or formulation that does not support the problem.
+            overlapping cells, contact over facets that is not modelled (see `contact_rule`), or an
+            element or formulation that does not support the problem.
         ReferenceNotConvergedError: No equilibrium under the full load; has the last one found.
 
     Note:
@@ -81,8 +82,9 @@ def solve_static(
         part is tested, which is stricter than stability where the pressure has no potential.
         The iteration of a slender body may end at the rounding error of its nodal forces, a few
         1e-10; the result contains the relative residual.
-        Tools touch the body at nodes (see `ContactPoints`): a tool smaller than a facet can pass
-        between them. With friction the result depends on the loading path (see `Friction`).
+        Degree 1 has contact with a tool at vertices or over facets, as the tool says; higher ones
+        have it at nodes (see `contact_points`): a tool smaller than a facet can pass between
+        them. With friction the result depends on the loading path (see `Friction`).
     """
     found = find_equilibrium(
         problem,

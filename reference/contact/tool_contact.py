@@ -136,6 +136,10 @@ _STIFFNESS_RATIO = 100.0
 _TOUCHES = 0.02
 # Rounding error of a distance, in units of the coordinates' own.
 _ROUNDINGS = 16.0
+# Over facets pressures enter the curvature's part of the tangent up to this times Young's modulus,
+# or their multiplier. Far from equilibrium k times the depth of a whole step would make it
+# indefinite; below it the tangent is consistent.
+_MOST_CURVED = 0.1
 # Penalty of friction over that of contact in motion: the sticking part of the surface changes from
 # step to step, and a larger penalty slows Newton's method at every node that begins to slip.
 _SOFT_DRAG = 0.1
@@ -201,6 +205,9 @@ class ToolContact:
         numbers: Indices of displacements among all unknowns, see `find_contact_points`.
         num_dofs: Number of all unknowns that this rank owns.
 
+    Attributes:
+        is_averaged: Whether gaps are averages over facets.
+
     Raises:
         InputError: Contact facets are inside the body.
         ToolError: Contact over facets where it is not modelled, see `contact_rule`.
@@ -219,6 +226,8 @@ class ToolContact:
         self.source_points = space.transferred.source.points
         rule = contact_rule(tool, space.degree)
         self.points = find_contact_points(space, tool.contact_facets, fixed, numbers, rule)
+        self.is_averaged = rule is ContactRule.FACETS
+        self._most_curved = _MOST_CURVED * youngs_modulus if self.is_averaged else np.inf
         self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches the body must not press on it by rounding errors.
@@ -421,7 +430,7 @@ class ToolContact:
 
         A constraint over facets couples vertices that have no cell in common.
         """
-        return self.points.reached() if len(self.points.shares) > 1 else []
+        return self.points.reached() if self.is_averaged else []
 
     def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
         """Derivative of the force on the tool along a unit vector, by displacement, flat [N/m]."""
@@ -441,7 +450,8 @@ class ToolContact:
         which is symmetric.
         """
         tractions, areas = self._tractions(distance), self.points.areas
-        stiffness = -self.points.loads(tractions)[:, None, None] * distance.curvature
+        curved = np.minimum(tractions, np.maximum(self.pressure, self._most_curved))
+        stiffness = -self.points.loads(curved)[:, None, None] * distance.curvature
         mu = self._friction.coefficient
         if mu > 0.0:
             # A node that has just lost contact has friction until its multiplier is updated.
