@@ -87,9 +87,10 @@ def simulate_implicit(
         ReferenceStepError: A step has no solution, however short; has the last accepted state.
 
     Note:
-        Tools touch the body at nodes (see `contact_points`); a tool driven by a force has a mass
-        and moves along its line, from rest (see `DrivenTool`). Where contact forces jump (a node
-        comes into contact, or friction acts from the start) steps are of first order.
+        Tools touch the body at nodes, for degree 1 over facets where they say so (see
+        `contact_points`); a tool driven by a force has a mass and moves along its line, from rest
+        (see `DrivenTool`). Where contact forces jump (a node comes into contact, or friction acts
+        from the start) steps are of first order.
         The method is unconditionally stable for linear problems only. Oscillations that the time
         step does not resolve are wrong: halve the step to estimate the error.
     """
@@ -176,9 +177,9 @@ class Motion(MovingBody):
             mass = self.density * ufl.inner(du, body.v) * self.mass_measure
             tangent += self._mass_factor * mass
         self._tangent = fenicsx.form(tangent)
-        self._matrix = fenicsx.create_matrix(self._tangent)
-        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.tools = ImplicitTools(self.problem, space, self.fixed, tolerance)
+        self._matrix = fenicsx.create_matrix(self._tangent, self.tools.reached)
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         # Multigrid converges slowly with contact, and factors can be used for many steps.
         is_direct = bool(self.tools) or 3 * space.num_global_blocks < LARGEST_FALLBACK
         self.solver: LinearSolver | LaggedFactors = (

@@ -382,9 +382,9 @@ class Viscosity:
         for form, of in self._tangents:
             of.zeroEntries()
             fenicsx.assemble_into_matrix(of, form)
-        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        # Smoothing and contact over facets couple more points than cells do.
         part = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
-        matrix.axpy(1.0, self._tangents[0][1], structure=part if self._smoothing else same)
+        matrix.axpy(1.0, self._tangents[0][1], structure=part)
         if self._smoothing is not None:
             strains, traces, *changes = (of for _, of in self._tangents[1:])
             averaged = self._smoothing.stiffness(

@@ -78,23 +78,30 @@ class ContactPoints:
     def positions(self, displacement: Floats) -> Points:
         """Deformed positions of the points for a flat vector of all unknowns [m], (m q, 3)."""
         corners = self.corners + displacement[self.dofs]
-        return np.einsum("qw,mwi->mqi", self.shares, corners).reshape(-1, 3)
+        placed: Points = np.einsum("qw,mwi->mqi", self.shares, corners).reshape(-1, 3)
+        return placed
+
+    def values(self, field: Floats) -> Points:
+        """A flat vector of all unknowns at the points, shape (m q, 3)."""
+        values: Points = np.einsum("qw,mwi->mqi", self.shares, field[self.dofs]).reshape(-1, 3)
+        return values
 
     def gaps(self, distances: Floats) -> Floats:
         """Averages of values at the points, shape (m q,), in the constraints, shape (n,)."""
         by_patch = np.einsum("mqw,mq->mw", self.parts, distances.reshape(self.parts.shape[:2]))
-        return np.bincount(self.constraints.ravel(), by_patch.ravel(), len(self.areas))
+        return _sums(self.constraints, by_patch, len(self.areas))
 
     def loads(self, pressures: Floats) -> Floats:
         """Forces along the normals at the points [N], (m q,), of pressures [Pa], (n,)."""
         forces = (self.areas * pressures)[self.constraints]
-        return np.einsum("mqw,mw->mq", self.parts, forces).ravel()
+        loads: Floats = np.einsum("mqw,mw->mq", self.parts, forces).ravel()
+        return loads
 
     def at_nodes(self, forces: Points, num_dofs: int) -> Floats:
         """Flat nodal forces of forces at the points, shape (m q, 3)."""
         vectors = forces.reshape(*self.parts.shape[:2], 3)
         nodal = np.einsum("qw,mqi->mwi", self.shares, vectors)
-        return np.bincount(self.dofs.ravel(), nodal.ravel(), num_dofs)
+        return _sums(self.dofs, nodal, num_dofs)
 
     def around(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The points in a patch with one of these constraints, shape (n,), as shape (m q,)."""
@@ -123,7 +130,7 @@ class ContactPoints:
         dofs, starts, rows = self._reach
         vectors = normals.reshape(*self.parts.shape[:2], 3)
         each = np.einsum("mqv,mqi,qw->imvw", self.parts, vectors, self.shares)
-        sums = [np.bincount(rows.ravel(), one.ravel(), len(dofs)) for one in each]
+        sums = [_sums(rows, one, len(dofs)) for one in each]
         inner = starts[1:-1]
         values = np.split(np.stack(sums, axis=1), inner)
         return [of.ravel() for of in np.split(dofs, inner)], [of.ravel() for of in values]
@@ -137,7 +144,13 @@ class ContactPoints:
         """Stiffness of the patches, shape (m, 3 w, 3 w), of that at the points, (m q, 3, 3)."""
         (m, q, w), b = self.parts.shape, self.shares
         at_points = stiffness.reshape(m, q, 3, 3)
-        return np.einsum("qv,mqij,qw->mviwj", b, at_points, b).reshape(m, 3 * w, 3 * w)
+        blocks: Floats = np.einsum("qv,mqij,qw->mviwj", b, at_points, b)
+        return blocks.reshape(m, 3 * w, 3 * w)
+
+
+def _sums(rows: Indices, values: Floats, count: int) -> Floats:
+    sums: Floats = np.bincount(rows.ravel(), values.ravel(), count).astype(np.float64, copy=False)
+    return sums
 
 
 def find_contact_points(

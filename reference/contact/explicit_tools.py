@@ -20,10 +20,10 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape, RigidTool
+from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool, ToolError
 from palpate.reference import fenicsx
 from palpate.reference.contact.contact_points import find_contact_points
-from palpate.reference.contact.tool_contact import require_nodes, require_outside
+from palpate.reference.contact.tool_contact import contact_rule, require_outside
 from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -42,12 +42,12 @@ class SteppedTools:
 
     Raises:
         InputError: A tool is driven by a force, or inside the body at the start.
+        ToolError: A tool has contact over facets.
     """
 
     def __init__(
         self, problem: Problem, space: TransferredSpace, fixed: Indices, mobility: Floats
     ) -> None:
-        require_nodes(problem.tools, space.degree)
         loose = mobility.copy()
         loose[fixed] = 0.0
         self._tools = [_SteppedTool(tool, space, fixed, loose) for tool in problem.tools]
@@ -95,6 +95,11 @@ class _SteppedTool:
                 "explicit steps take a tool along its path: of one that a force drives the "
                 'multipliers hang together; ask checks against = "truth", solve by degree 2, or '
                 "give the path"
+            )
+        if contact_rule(tool, space.degree) is ContactRule.FACETS:
+            raise ToolError(
+                'explicit steps have no contact = "facets", whose multipliers depend on one '
+                'another; set contact = "vertices", or take implicit steps'
             )
         self._tool = tool
         self._is_rough = tool.friction_coefficient > 0.0

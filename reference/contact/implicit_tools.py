@@ -1,14 +1,14 @@
-"""Rigid tools in implicit steps: no node inside a tool at the end of a step.
+"""Rigid tools in implicit steps: no gap below 0 at the end of a step.
 
 The contact force is constant over the step, as a multiplier of the constraint
 
     g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
 
-at the nodes (`tool_contact`), while forces and inertia are balanced within the step; so is friction
-of at most mu t, against the sliding of a node along the tool over the step. A multiplier may
-oscillate from step to step; the reported force on a tool is its impulse over the time between two
-outputs. Forces are balanced at a time within the step, not at its middle; the impulse of a step is
-therefore interpolated between its own force and the one before.
+at the constraints (`tool_contact`), while forces and inertia are balanced within the step; so is
+friction of at most mu t, against the sliding of a node along the tool over the step. A multiplier
+may oscillate from step to step; the reported force on a tool is its impulse over the time between
+two outputs. Forces are balanced at a time within the step, not at its middle; the impulse of a step
+is therefore interpolated between its own force and the one before.
 
 For a tool driven by a force, its position along its line is one more unknown:
 
@@ -35,9 +35,8 @@ from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import (
     ToolContact,
-    TouchingNodes,
+    TouchingSurface,
     create_contacts,
-    require_nodes,
     require_outside,
 )
 from palpate.reference.mesh_transfer import TransferredSpace
@@ -120,12 +119,12 @@ class DrivenTool:
         return coupling, self.mass * self._stencil.A + own
 
     def end_step(
-        self, nodes: TouchingNodes, v: Points, a: Points, inertia: Callable[[Points], Floats]
+        self, surface: TouchingSurface, v: Points, a: Points, inertia: Callable[[Points], Floats]
     ) -> tuple[Points, Points]:
-        """Finish a step; the nodes in contact take the velocity of the tool.
+        """Finish a step; the surface in contact takes the velocity of the tool.
 
         Args:
-            nodes: The nodes in contact.
+            surface: The surface in contact.
             v: Velocity of all nodes [m/s], shape (num_blocks, 3).
             a: Acceleration of all nodes [m/s2], shape (num_blocks, 3).
             inertia: Returns the sum of the mass matrix times such a field, shape (3,).
@@ -133,14 +132,14 @@ class DrivenTool:
         Returns:
             Changes of the two that conserve the momentum of tool and body.
         """
-        still = np.zeros_like(nodes.normals)
-        carried = nodes.change(np.zeros_like(v), still + self.direction)
+        still = np.zeros_like(surface.normals)
+        carried = surface.change(np.zeros_like(v), still + self.direction)
         whole = self.mass + float(inertia(carried) @ self.direction)
         changes, ends = [], []
         here = np.array([self.way])
         own = self._stencil.after(here)
         for of_nodes, of_tool in ((v, own.v), (a, own.a)):
-            stopped = nodes.change(of_nodes, still)
+            stopped = surface.change(of_nodes, still)
             end = (self.mass * of_tool - float(inertia(stopped) @ self.direction)) / whole
             changes.append(stopped + end * carried)
             ends.append(end)
@@ -178,7 +177,6 @@ class ImplicitTools:
         self._is_rough = any(tool.friction_coefficient > 0.0 for tool in problem.tools)
         carried = _OVER_TOLERANCE * tolerance
         self._carried = max(carried, _OF_DRAG) if self._is_rough else carried
-        require_nodes(problem.tools, space.degree)
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, fixed)
         self.driven = tuple(DrivenTool(c) for c in self._contacts if c.tool.drive is not None)
         self._fixed = fixed
@@ -189,6 +187,11 @@ class ImplicitTools:
 
     def __bool__(self) -> bool:
         return bool(self._contacts)
+
+    @property
+    def reached(self) -> list[Indices]:
+        """See `ToolContact.reached`."""
+        return [group for contact in self._contacts for group in contact.reached]
 
     def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
@@ -301,7 +304,7 @@ class ImplicitTools:
 
         rows = zip(self._impulses, self._last_forces, self._contacts, strict=True)
         for row, last, contact in rows:
-            touching = contact.touching_nodes(displacement, dt)
+            touching = contact.touching(displacement, dt)
             driven = next((tool for tool in self.driven if tool.contact is contact), None)
             if driven is None:
                 dv = touching.change(v, touching.velocities)

@@ -44,7 +44,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool, ToolError
 from palpate.reference import fenicsx
-from palpate.reference.contact.contact_points import find_contact_points
+from palpate.reference.contact.contact_points import ContactPoints, find_contact_points
 from palpate.reference.contact.tool_distance import ContactFaces, Distance, tool_distance
 from palpate.reference.fenicsx import all_rows
 from palpate.reference.mesh_transfer import TransferredSpace
@@ -163,35 +163,66 @@ class ToolState:
     penetration: float
 
 
+# Relative residual of the motion along a tool's normals, and iterations for it: one at nodes.
+_MET, _MOST_ITERATIONS = 1e-14, 200
+
+
 @dataclass(frozen=True, eq=False)
-class TouchingNodes:
-    """Nodes that move with a tool along its normal or, where they stick to it, in all directions.
+class TouchingSurface:
+    """The surface that moves with a tool along its normal or, where it sticks, in all directions.
 
     Attributes:
-        nodes: Blocked dofs, shape (n,).
-        normals: Normals of the tool there [-], shape (n, 3).
-        velocities: Velocities of the tool there, mean over the last step [m/s], shape (n, 3).
-        sticks: Whether the nodes stick, shape (n,).
+        points: The contact points, p of them.
+        is_active: Which constraints press, shape (n,).
+        normals: Normals of the tool at the points [-], shape (p, 3).
+        velocities: Velocities of the tool there, mean over the last step [m/s], shape (p, 3).
+        sticks: Which of the active constraints, nodes then, stick, shape (n,).
     """
 
-    nodes: Indices
+    points: ContactPoints
+    is_active: NDArray[np.bool_]
     normals: Points
     velocities: Points
     sticks: NDArray[np.bool_]
 
     def change(self, field: Points, wanted: Points) -> Points:
-        """Change of a field by which these nodes get the tool's values, shape (num_blocks, 3).
+        """Smallest change of a field by which the surface has the tool's values, averaged as gaps.
 
         Args:
             field: Velocity or acceleration, shape (num_blocks, 3).
-            wanted: Velocity or acceleration of the tool at these nodes, shape (n, 3).
+            wanted: Velocity or acceleration of the tool at the points, shape (p, 3).
         """
-        own, normals = field[self.nodes], self.normals
-        lacking = np.sum(wanted * normals, axis=1) - np.sum(own * normals, axis=1)
-        change = np.zeros_like(field)
-        change[self.nodes] = lacking[:, None] * normals
-        change[self.nodes[self.sticks]] = (wanted - own)[self.sticks]
+        own = self.points.values(field.ravel())
+        along = np.sum(wanted * self.normals, axis=1) - np.sum(own * self.normals, axis=1)
+        change = self._least(along, field.size).reshape(-1, 3)
+        stuck = self.points.nodes[self.sticks]
+        change[stuck] = (wanted - own)[self.sticks] if stuck.size else 0.0
         return change
+
+    def _least(self, along: Floats, size: int) -> Floats:
+        """Smallest flat vector with such values along the normals at the points, in the averages.
+
+        By conjugate gradients for its multipliers, whose matrix is nearly the identity: each dual
+        constraint has its own vertex.
+        """
+        rest = np.where(self.is_active, self.points.gaps(along), 0.0)
+        found, way = np.zeros(size), rest
+        enough = _MET**2 * float(rest @ rest)
+        for _ in range(_MOST_ITERATIONS):
+            before = float(rest @ rest)
+            if before <= enough:
+                break
+            step = self._spread(way, size)
+            turned = np.sum(self.points.values(step) * self.normals, axis=1)
+            image = np.where(self.is_active, self.points.gaps(turned), 0.0)
+            length = before / float(way @ image)
+            found, rest = found + length * step, rest - length * image
+            way = rest + float(rest @ rest) / before * way
+        return found
+
+    def _spread(self, multipliers: Floats, size: int) -> Floats:
+        per_area = multipliers / np.where(self.is_active, self.points.areas, np.inf)
+        return self.points.at_nodes(self.points.loads(per_area)[:, None] * self.normals, size)
 
 
 class ToolContact:
@@ -252,16 +283,17 @@ class ToolContact:
         """Raise InputError where the distance to the tool cannot be measured."""
         self._distance(np.zeros(self._num_dofs))
 
-    def touching_nodes(self, displacement: Floats, dt: float) -> TouchingNodes:
-        """Nodes that move with the tool at the end of a step of dt [s]."""
+    def touching(self, displacement: Floats, dt: float) -> TouchingSurface:
+        """The surface that moves with the tool at the end of a step of dt [s]."""
         distance = self._distance(displacement)
-        sticks = self._dragged(displacement, distance).sticks
-        rows = np.flatnonzero(self.points.areas * self._tractions(distance) > 0.0)
-        positions = self.points.positions(displacement)[rows]
+        is_active = self.points.areas * self._tractions(distance) > 0.0
+        sticks = is_active if self.is_averaged else self._dragged(displacement, distance).sticks
+        positions = self.points.positions(displacement)
         before, turned = self.tool.path.pose_at(self.time - dt)
         local = (positions - self.position) @ self.rotation
         velocity = (positions - before - local @ turned.T) / dt
-        return TouchingNodes(self.points.nodes[rows], distance.normal[rows], velocity, sticks[rows])
+        sticks = is_active & sticks & (self._friction.coefficient > 0.0)
+        return TouchingSurface(self.points, is_active, distance.normal, velocity, sticks)
 
     @property
     def forgets_its_way(self) -> bool:
@@ -524,16 +556,6 @@ def contact_rule(tool: RigidTool, degree: int) -> ContactRule:
     if refused:
         raise ToolError(f'a tool has contact = "facets" {refused}, or contact = "vertices"')
     return ContactRule.FACETS
-
-
-def require_nodes(tools: Sequence[RigidTool], degree: int) -> None:
-    """Raise ToolError where a tool has contact over facets in motion, which is not modelled."""
-    for number, tool in enumerate(tools, start=1):
-        if contact_rule(tool, degree) is ContactRule.FACETS:
-            raise ToolError(
-                f'tool {number} has contact = "facets", which the reference has in statics only: '
-                'set contact = "vertices"'
-            )
 
 
 def require_outside(gaps: Sequence[float]) -> None:
