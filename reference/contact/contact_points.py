@@ -25,7 +25,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Traction
@@ -102,11 +101,6 @@ class ContactPoints:
         vectors = forces.reshape(*self.parts.shape[:2], 3)
         nodal = np.einsum("qw,mqi->mwi", self.shares, vectors)
         return _sums(self.dofs, nodal, num_dofs)
-
-    def around(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The points in a patch with one of these constraints, shape (n,), as shape (m q,)."""
-        is_near = (which[self.constraints] & self.parts.any(axis=1)).any(axis=1)
-        return np.repeat(is_near, len(self.shares))
 
     @cached_property
     def _reach(self) -> tuple[Indices, Indices, Indices]:
