@@ -406,6 +406,33 @@ def test_a_plane_moves_a_body_alike_by_facets_and_by_vertices(is_driven):
     assert np.abs(over_facets.velocities).max() > 0.1 * size
 
 
+def test_at_the_end_of_a_step_the_surface_in_contact_moves_with_the_tool() -> None:
+    """By the smallest change of the velocities, in averages over the facets."""
+    eq = DiscreteProblem(
+        pressing(pressed(SphereShape(0.5), (1.45, 1.4))), strain=Strain.GREEN, degree=1
+    )
+    (contact,) = eq.contacts
+    rng = np.random.default_rng(8)
+    contact.set_time(1.0)
+    surface = contact.touching(1e-2 * rng.standard_normal(eq.num_dofs), 0.1)
+    assert 3 < surface.is_active.sum() < len(surface.is_active)
+    assert not surface.sticks.any()
+    np.testing.assert_allclose(surface.velocities - [0.0, 0.0, -0.05], 0.0, atol=1e-13)
+    before = rng.standard_normal((eq.num_dofs // 3, 3))
+    change = surface.change(before, surface.velocities)
+    lacking = surface.velocities - contact.points.values((before + change).ravel())
+    gaining = contact.points.gaps(np.sum(lacking * surface.normals, axis=1))
+    np.testing.assert_allclose(gaining[surface.is_active], 0.0, atol=1e-12)
+    rows = np.zeros((len(gaining), eq.num_dofs))
+    for row, dofs, values in zip(rows, *contact.points.gradients(surface.normals), strict=True):
+        row[dofs] = values
+    rows = rows[surface.is_active]
+    # The least one is a combination of the gradients of the active constraints.
+    parts = np.linalg.lstsq(rows.T, change.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(parts @ rows, change.ravel(), atol=1e-12)
+    assert np.abs(change).max() > 0.1
+
+
 @pytest.mark.parametrize("is_driven", [False, True])
 def test_a_ball_over_facets_comes_to_rest_where_statics_have_it(is_driven):
     shape = SphereShape(0.5)
