@@ -15,7 +15,7 @@ from bank import fixed, support
 
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Traction
 from palpate.meshes.bricks import brick_box, rollers, side, support_of
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.adaptivity.goals import Goal, Quantity
@@ -307,7 +307,7 @@ def quarter_block(contact_radius):
     return TetMesh(points.reshape(-1, 3)[used], cells.reshape(-1, 4).astype(np.int32)), size
 
 
-def over_hertz(depth, poissons_ratio, strain):
+def over_hertz(depth, poissons_ratio, strain, *, contact="vertices", degree=2, **options):
     """Force of a sphere pressed in by a depth over 4/3 E* sqrt(R) d^1.5."""
     a = np.sqrt(RADIUS * depth)
     mesh, size = quarter_block(a)
@@ -325,11 +325,10 @@ def over_hertz(depth, poissons_ratio, strain):
     top = face(2, 0.0)
     near = top[np.linalg.norm(mesh.points[top].mean(axis=1), axis=1) < 4.0 * a]
     knots = np.array([[0.0, 0.0, RADIUS], [0.0, 0.0, RADIUS - depth]])
-    tool = RigidTool(SphereShape(RADIUS), ToolPath(np.arange(2.0), knots), contact_facets=near)
-    material = Material(YOUNGS_MODULUS, poissons_ratio)
-    result = solve_static(
-        Problem(mesh, material, supports, (), tools=(tool,)), strain=strain, degree=2
-    )
+    path = ToolPath(np.arange(2.0), knots)
+    tool = RigidTool(SphereShape(RADIUS), path, contact_facets=near, contact=contact)
+    problem = Problem(mesh, Material(YOUNGS_MODULUS, poissons_ratio), supports, (), tools=(tool,))
+    result = solve_static(problem, strain=strain, degree=degree, **options)
     (felt,) = result.tools
     # The last of it, between the nodes of flat facets.
     assert felt.penetrations[-1] < 0.01 * depth
@@ -341,6 +340,16 @@ def over_hertz(depth, poissons_ratio, strain):
 @pytest.mark.parametrize("strain", list(Strain))
 def test_a_shallow_sphere_meets_hertz(strain):
     assert over_hertz(0.01 * RADIUS, 0.3, strain) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("element", "off"), [(Element.SMOOTHED, 0.03), (Element.LINEAR, 0.15)], ids=str
+)
+def test_contact_over_facets_meets_hertz_with_tetrahedra_of_degree_1(element, off):
+    found = over_hertz(
+        0.01 * RADIUS, 0.3, Strain.LINEAR, contact="facets", degree=1, element=element
+    )
+    assert found == pytest.approx(1.0, abs=off)
 
 
 @pytest.mark.parametrize(
