@@ -19,7 +19,7 @@ from palpate.fastsim.contact.contact_law import (
     read_pose,
 )
 from palpate.fastsim.contact.static_contact import STIFFNESS_IN_LAYERS
-from palpate.fastsim.contact.tool_contact import ToolContact
+from palpate.fastsim.contact.tool_contact import ToolContact, require_vertices
 from palpate.fastsim.live_body import BodySpring, BodyTool
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
@@ -190,6 +190,7 @@ class CondensedSteps:
         row_of = np.full(problem.mesh.num_points, -1, dtype=np.int32)
         row_of[model.touched] = np.arange(len(model.touched))
         shapes, stiffnesses, reach = [], [], 0.0
+        require_vertices(self.tools, "the condensed model knows it at vertices only")
         for number, tool in enumerate(self.tools, start=1):
             require_known_tool(tool, number)
             contact = ToolContact(problem, tool)

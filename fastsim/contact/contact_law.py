@@ -227,15 +227,15 @@ def require_outside(
     """Refuse a tool that is in the body at the first time of its path.
 
     Raises:
-        ToolInsideError: A vertex deeper than a tenth of the mean edge, or the tool's middle in a
-            cell.
+        ToolInsideError: A vertex, or point of a facet, deeper than a tenth of the mean edge, or the
+            tool's middle in a cell.
     """
     pose = poses_at(contact.tool.path, contact.tool.path.times[:1])[0]
     allowed = ALLOWED_OVERLAP * mean_edge(problem, contact.facets)
     depths = -contact.gaps(displacement, pose).distances
     if depths.size and depths.max() > allowed:
         worst = int(np.argmax(depths))
-        position = contact.positions(displacement)[worst]
+        position = contact.sampling.positions(displacement)[worst]
         raise ToolInsideError(number, float(depths[worst]), allowed, _as_tuple(position))
     middle = _middle_points(contact.tool.shape) @ pose["rotation"].T + pose["position"]
     for position in middle:
@@ -247,7 +247,8 @@ def require_larger_than_gaps(problem: Problem, contact: ToolContact, number: int
     """Refuse a tool that fits between the corners of a facet in its way.
 
     Its way is the box around its positions at the knots, widened by its own size; a tool that is
-    driven by a force may go anywhere.
+    driven by a force may go anywhere. Over facets, too: a ball that is smaller dents the middle of
+    a facet by more than a twelfth of that circle before the average of the gap is zero.
 
     Raises:
         ToolTooSmallError: Its half thickness is below the radius of such a facet's circle.

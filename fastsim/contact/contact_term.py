@@ -1,24 +1,25 @@
 """Rigid tools as a term of the residual: penalty, or the constraint by augmented Lagrangians.
 
-Each vertex carries p = max(0, multiplier - k A g) along the tool's normal (Alart and Curnier 1991,
-"A mixed formulation for frictional contact problems prone to Newton like solution methods",
-eq. 14 ff.): with multipliers at zero that is the penalty; with multiplier := p after each
+Each vertex carries p = max(0, multiplier - k A g) along the gradient of its gap g (Alart and
+Curnier 1991, "A mixed formulation for frictional contact problems prone to Newton like solution
+methods", eq. 14 ff.): with multipliers at zero that is the penalty; with multiplier := p after each
 equilibrium it converges to g >= 0, p >= 0, p g = 0, by the ratio of the body's stiffness to the
-penalty's. The tangent of -p n is k A n n^T - p d2g/dx2 where p > 0, a semismooth Newton method.
+penalty's. The tangent of -p grad g is k A grad g grad g^T - p d2g/du2 where p > 0, a semismooth
+Newton method. Over facets g is an average (contact_sampling.py), and the forces act at its points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
-from palpate.fastsim.contact.tool_contact import Gaps, ToolContact
+from palpate.fastsim.contact.tool_contact import Gaps, ToolContact, gaps_at
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape
@@ -29,6 +30,21 @@ _SHORT_OVER_EDGES = 0.05
 # tool's middle.
 _TURNED = 0.5
 _SHORT_THROUGH = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """How a tool presses.
+
+    Attributes:
+        gaps: Of the points at which they are taken.
+        averages: Gaps of the constraints [m], shape (n,).
+        push: Normal forces p of the constraints [N], shape (n,).
+    """
+
+    gaps: Gaps
+    averages: Floats
+    push: Floats
 
 
 class ContactTerm:
@@ -49,7 +65,7 @@ class ContactTerm:
         self.poses: list[NDArray[np.void]] = []
         self.multipliers = [np.zeros(len(contact.vertices)) for contact in contacts]
         self.settled = [np.zeros(len(contact.vertices)) for contact in contacts]
-        self._weights = [
+        self._weights = self._given = [
             k * contact.areas for k, contact in zip(stiffnesses, contacts, strict=True)
         ]
         self._drags = [
@@ -61,69 +77,78 @@ class ContactTerm:
         # Normals in the tools' frames at the last accepted equilibrium.
         self._seen: list[Points] = []
         self._active: list[NDArray[np.bool_]] = []
+        self._extended: Body | None = None  # whose matrix has the pattern of the contacts
         self._next_poses: list[NDArray[np.void]] = []
 
-    def pressed(self, displacement: Points) -> list[tuple[Gaps, Points]]:
-        """Gaps of each tool's vertices, and their normal forces p [N], shape (n,)."""
-        out: list[tuple[Gaps, Points]] = []
+    def stiffen(self, factor: float) -> None:
+        """Take so many times the given penalties: multipliers converge by that much faster."""
+        self._weights = [factor * weight for weight in self._given]
+        for drag, weight in zip(self._drags, self._weights, strict=True):
+            drag.weights = weight
+
+    def pressed(self, displacement: Points) -> list[Pressed]:
+        """Gaps and normal forces of each tool."""
+        out: list[Pressed] = []
         for contact, pose, multiplier, weight in zip(
             self.contacts, self.poses, self.multipliers, self._weights, strict=True
         ):
-            gaps = contact.gaps(displacement, pose)
+            positions = contact.sampling.positions(displacement)
+            gaps = gaps_at(contact.shape, positions, pose)
             faces = self._faces[len(out)]
             if faces is not None:
-                gaps = faces.from_faces(gaps, contact.positions(displacement), pose)
+                gaps = faces.from_faces(gaps, positions, pose)
             if self._next_poses:
-                gaps = _ahead(
-                    gaps, contact.positions(displacement), pose, self._next_poses[len(out)]
-                )
-            out.append((gaps, np.maximum(0.0, multiplier - weight * gaps.distances)))
+                gaps = _ahead(gaps, positions, pose, self._next_poses[len(out)])
+            averages = contact.sampling.averaged(gaps.distances)
+            out.append(Pressed(gaps, averages, np.maximum(0.0, multiplier - weight * averages)))
         return out
 
     def force(self, displacement: Points) -> Points:
         """Force of all tools on the body [N], shape (num_points, 3)."""
         force = np.zeros_like(displacement)
-        pressed = self.pressed(displacement)
-        for number, (contact, (gaps, push)) in enumerate(zip(self.contacts, pressed, strict=True)):
-            dragged = self._dragged(number, displacement, gaps)[0]
-            force[contact.vertices] += push[:, None] * gaps.normals + dragged
+        for contact, vectors in zip(self.contacts, self.vectors(displacement), strict=True):
+            contact.sampling.add_to(force, vectors)
         return force
 
     def vectors(self, displacement: Points) -> list[Points]:
-        """Forces of each tool on its vertices [N], shape (n, 3)."""
-        return [
-            push[:, None] * gaps.normals + self._dragged(number, displacement, gaps)[0]
-            for number, (gaps, push) in enumerate(self.pressed(displacement))
-        ]
+        """Forces of each tool on the points at which its gaps are taken [N], shape (m, 3)."""
+        out = []
+        for number, pressed in enumerate(self.pressed(displacement)):
+            spread = self.contacts[number].sampling.spread
+            dragged = spread(self._dragged(number, displacement, pressed.gaps)[0])
+            out.append(spread(pressed.push)[:, None] * pressed.gaps.normals + dragged)
+        return out
 
     def _dragged(self, number: int, displacement: Points, gaps: Gaps) -> tuple[Points, Floats]:
-        positions = self.contacts[number].positions(displacement)
+        contact = self.contacts[number]
+        positions = contact.vertex_positions(displacement)
+        normals = contact.sampling.averaged(gaps.normals)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
         # Where a tool will be, the vertices that stick to it are to come along.
         pose = (self._next_poses or self.poses)[number]
-        return self._drags[number].forces(positions, pose, gaps.normals, self.multipliers[number])
+        return self._drags[number].forces(positions, pose, normals, self.multipliers[number])
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
         """Add minus the force's derivative to the matrix; return whether other vertices touch."""
+        if self._extended is not body:
+            for contact in self.contacts:
+                contact.sampling.extend_pattern(body)
+            self._extended = body
         active = []
-        for number, (contact, weight, settled, (gaps, push)) in enumerate(
+        for number, (contact, weight, settled, pressed) in enumerate(
             zip(self.contacts, self._weights, self.settled, self.pressed(displacement), strict=True)
         ):
-            touching = push > 0.0
+            gaps, touching = pressed.gaps, pressed.push > 0.0
             active.append(touching)
-            n, axis = gaps.normals[touching], gaps.axes[touching]
-            normal, along = n[:, :, None] * n[:, None, :], axis[:, :, None] * axis[:, None, :]
+            normals, axes = gaps.normals, gaps.axes
+            across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
             # On the way p may be far too large; bent with the last settled one the tangent stays
             # definite, and with p there once it is settled.
-            bend = (np.minimum(push, settled) * gaps.curvatures)[touching, None, None]
-            blocks = weight[touching, None, None] * normal - bend * (np.eye(3) - normal - along)
-            body.core.add_diagonal_blocks(
-                contact.vertices[touching], np.ascontiguousarray(blocks.reshape(-1, 9))
-            )
-            if self._drags[number].coefficient > 0.0:
-                blocks = self._dragged(number, displacement, gaps)[1]
-                body.core.add_diagonal_blocks(
-                    contact.vertices, np.ascontiguousarray(blocks.reshape(-1, 9))
-                )
+            bend = contact.sampling.spread(np.minimum(pressed.push, settled)) * gaps.curvatures
+            bends = -bend[:, None, None] * (across - axes[:, :, None] * axes[:, None, :])
+            own = self._dragged(number, displacement, gaps)[1]
+            stiff = np.where(touching, weight, 0.0)
+            contact.sampling.add_tangent(body, stiff, normals, bends, own)
         changed = len(self._active) != len(active) or any(
             np.any(old != new) for old, new in zip(self._active, active, strict=True)
         )
@@ -132,10 +157,10 @@ class ContactTerm:
 
     def settle(self, displacement: Points) -> None:
         """Store the normal forces at an equilibrium, or near one."""
-        self.settled = [push for _, push in self.pressed(displacement)]
+        self.settled = [pressed.push for pressed in self.pressed(displacement)]
 
     def keep(self, displacement: Points, poses: list[NDArray[np.void]]) -> None:
-        """Accept an equilibrium: store the vertices' positions relative to the tools."""
+        """Accept an equilibrium: store the positions of the surface relative to the tools."""
         self._seen = [
             _in_tool(contact.gaps(displacement, pose), pose)
             for contact, pose in zip(self.contacts, poses, strict=True)
@@ -143,9 +168,9 @@ class ContactTerm:
         for contact, pose, faces, drag in zip(
             self.contacts, poses, self._faces, self._drags, strict=True
         ):
-            drag.keep(contact.positions(displacement), pose)
+            drag.keep(contact.vertex_positions(displacement), pose)
             if faces is not None:
-                faces.keep(contact.positions(displacement), pose)
+                faces.keep(contact.sampling.positions(displacement), pose)
 
     def go_back(self) -> None:
         """Restore friction and the faces of boxes to the last accepted equilibrium."""
@@ -159,17 +184,18 @@ class ContactTerm:
         self, problem: Problem, displacement: Points, before: list[NDArray[np.void]]
     ) -> str:
         """State why the tools moved too far to know on which side vertices came in; else empty."""
-        for contact, pose, old, faces, seen, (gaps, push) in zip(
+        for contact, pose, old, faces, seen, pressed in zip(
             self.contacts, self.poses, before, self._faces, self._seen,
             self.pressed(displacement), strict=True,
         ):  # fmt: skip
-            way, is_pressed = float(np.linalg.norm(pose["position"] - old["position"])), push > 0.0
+            way = float(np.linalg.norm(pose["position"] - old["position"]))
+            is_pressed = contact.sampling.spread(pressed.push) > 0.0
             if faces is not None:
                 is_long = way > _SHORT_OVER_EDGES * mean_edge(problem, contact.facets)
                 if is_long and faces.came_over_edge(is_pressed):
                     return "a vertex came into a box over an edge in a long step"
                 continue
-            cosines = np.sum(_in_tool(gaps, pose) * seen, axis=1)
+            cosines = np.sum(_in_tool(pressed.gaps, pose) * seen, axis=1)
             has_turned = bool((is_pressed & (cosines < _TURNED)).any())
             if has_turned and way > _SHORT_THROUGH * half_thickness(contact.tool.shape):
                 return "a vertex went through the tool, or far round it, in a long step"
@@ -187,8 +213,8 @@ class ContactTerm:
             zip(self.contacts, self.poses, self._faces, strict=True)
         ):
             if faces is not None:
-                push = pressed[number][1]
-                moves, again = faces.move_round(contact.positions(displacement), pose, push > 0.0)
+                positions = contact.vertex_positions(displacement)
+                moves, again = faces.move_round(positions, pose, pressed[number].push > 0.0)
                 self.multipliers[number] = np.where(moves, 0.0, self.multipliers[number])
                 count, is_again = count + int(moves.sum()), is_again or again
         return count, is_again
@@ -202,8 +228,9 @@ class ContactTerm:
     def update_multipliers(self, displacement: Points) -> tuple[float, float]:
         """Multiplier := p; return the norms of the change and of the multipliers [N]."""
         change, size = 0.0, 0.0
-        for number, (gaps, push) in enumerate(self.pressed(displacement)):
-            dragged = self._dragged(number, displacement, gaps)[0]
+        for number, pressed in enumerate(self.pressed(displacement)):
+            push = pressed.push
+            dragged = self._dragged(number, displacement, pressed.gaps)[0]
             drag_change, drag_size = self._drags[number].update(dragged, self.poses[number])
             change += float(np.sum((push - self.multipliers[number]) ** 2)) + drag_change
             size += float(np.sum(push**2)) + drag_size
@@ -259,7 +286,7 @@ class Drag:
 
     def __init__(self, coefficient: float, weights: Floats) -> None:
         self.coefficient = coefficient
-        self._weights = weights
+        self.weights = weights
         # Both seen from the tool.
         self._multipliers: Points = np.zeros((len(weights), 3))
         self._kept = self._multipliers, self._multipliers
@@ -287,7 +314,7 @@ class Drag:
         if self.coefficient == 0.0 or not count:
             return np.zeros((count, 3)), np.zeros((count, 3, 3))
         slip = _seen_from(positions, pose) - self._kept[1]
-        wanted = (self._multipliers - self._weights[:, None] * slip) @ pose["rotation"].T
+        wanted = (self._multipliers - self.weights[:, None] * slip) @ pose["rotation"].T
         across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)
         wanted = np.einsum("nij,nj->ni", across, wanted)
         sizes, most = np.linalg.norm(wanted, axis=1), self.coefficient * pushes
@@ -295,7 +322,7 @@ class Drag:
         share = np.where(sticks, 1.0, most / np.where(sticks, 1.0, sizes))
         along = np.where(sticks, 0.0, 1.0 / np.where(sticks, 1.0, sizes))[:, None] * wanted
         stiff = across - np.einsum("ni,nj->nij", along, along)
-        return share[:, None] * wanted, (share * self._weights)[:, None, None] * stiff
+        return share[:, None] * wanted, (share * self.weights)[:, None, None] * stiff
 
     def update(self, forces: Points, pose: NDArray[np.void]) -> tuple[float, float]:
         """Multipliers := forces [N]; squares of the norms of their change and of them."""

@@ -51,6 +51,24 @@ class ToolTooSmallError(ToolError):
         )
 
 
+class FacetContactError(ToolError):
+    """Contact over facets where it is known at vertices only.
+
+    Attributes:
+        tool: Number of the tool, from 0.
+        what: What knows it at vertices only.
+    """
+
+    def __init__(self, tool: int, what: str) -> None:
+        self.tool = tool
+        self.what = what
+        super().__init__(
+            f"tool {tool + 1} asks for contact over facets; {what}: give it "
+            'contact = "vertices", or take statics with a ball, a capsule, a half space or a '
+            "surface"
+        )
+
+
 class ToolTooFastError(ToolError):
     """A tool that moves too far in one step for its side to be known.
 

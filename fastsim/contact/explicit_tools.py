@@ -23,7 +23,7 @@ from palpate.fastsim.contact.contact_law import (
     require_outside,
 )
 from palpate.fastsim.contact.errors import ToolTooFastError
-from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path, require_vertices
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
@@ -86,6 +86,7 @@ class ExplicitTools:
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
+        FacetContactError: A tool with contact over facets.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class ExplicitTools:
         self._problem = problem
         self._mass = mass
         self._clock = clock
+        require_vertices(problem.tools, "motions know it at vertices only")
         self.contacts = [ToolContact(problem, tool) for tool in problem.tools]
         self.stiffnesses: list[float | None] = []
         for contact in self.contacts:

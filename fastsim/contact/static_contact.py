@@ -17,22 +17,39 @@ from palpate.fastsim.contact.contact_law import (
     require_outside,
 )
 from palpate.fastsim.contact.contact_term import ContactTerm
-from palpate.fastsim.contact.errors import ContactLostError
+from palpate.fastsim.contact.errors import ContactLostError, FacetContactError
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.fastsim.newton import Newton
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
-from palpate.meshes.rigid_tool import ForceDrive, require_drive_of_statics
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    ContactRule,
+    ForceDrive,
+    RigidTool,
+    require_drive_of_statics,
+)
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
 STIFFNESS_IN_LAYERS = 100.0
+# That by which the multipliers over facets are found: a softer one, as those of neighbours are
+# coupled, by which fewer of them become active and inactive in turn.
+_LAYERS_OVER_FACETS = 10.0
 # Multipliers are settled when they change by no more than this.
 _SETTLED = 1e-9
 _MOST_UPDATES = 40
 # Relative residual of the prediction.
 _ROUGH = 1e-3
+# Relative residual before the first update of the multipliers, and then over their last change.
+_ROUGH_START = 1e-1
+_PART_OF_CHANGE = 1e-2
+# Multipliers that change by more than this part of their last change are found with a penalty that
+# is so much stiffer, up to so many times the first.
+_SLOW = 0.14
+_STEP_OF_STIFFNESS = 10.0
+_STIFFEST = 100.0
 # The end of the path that can be borne is found to this part of it.
 _SMALLEST_STEP = 1.0 / 1024.0
 
@@ -48,7 +65,8 @@ class ContactResult:
         forces: On each tool [N], shape (n, num_tools, 3).
         moments: On each tool about its origin [N m], shape (n, num_tools, 3).
         areas: Rest area of the vertices that each tool presses [m2], shape (n, num_tools).
-        penetrations: Deepest vertex in each tool [m], >= 0, shape (n, num_tools).
+        penetrations: Deepest vertex in each tool [m], >= 0, shape (n, num_tools); over facets by
+            the gaps that are averaged for the vertices.
         smallest_det_f: At each knot [-], shape (n,).
         stiffnesses: Penalty of each tool [Pa/m].
         iterations: Newton iterations in all.
@@ -96,13 +114,14 @@ def solve_contact(
         progress: Called with one line per knot.
 
     Returns:
-        The equilibria. With the constraint no vertex is deeper than 1e-9 of what its penalty
-        would leave.
+        The equilibria. With the constraint no vertex (no averaged gap, over facets) is deeper than
+        1e-9 of what its penalty would leave.
 
     Raises:
         InputError: A tool driven by a force beside others, with friction, or from too near; or
             friction with a penalty.
         UnsupportedBodyError: The body can float.
+        FacetContactError: Contact over facets with a box, whose edges are known to vertices only.
         ToolInsideError: A tool is in the body at the first knot.
         ContactLostError: No (stable) equilibrium beyond a time; carries the results before it.
     """
@@ -111,7 +130,7 @@ def solve_contact(
     require_supported(problem)
     contacts = [ToolContact(problem, tool) for tool in problem.tools]
     stiffnesses = [
-        law.stiffness or STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
+        law.stiffness or _layers(contact.tool, law) * layer_stiffness(problem, contact.facets)
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):
@@ -151,6 +170,11 @@ class _Path:
         self.history: list[float] = []
         self._problem = problem
         self._form = form
+        # As the gaps of neighbours are coupled, multipliers that are far off are not worth solving
+        # for to the last digit.
+        is_coupled = any(tool.contact is ContactRule.FACETS for tool in problem.tools)
+        is_rough = is_coupled and form is ContactForm.CONSTRAINT
+        self._first_tolerance = _ROUGH_START if is_rough else 0.0
         self._shortest_step = np.inf
 
     def load(self, time: float) -> str:
@@ -203,7 +227,8 @@ class _Path:
         self._shortest_step = 2.0 * _SMALLEST_STEP * longest
         while lacking > 0.0:
             low = self.time, lacking
-            clear = float(self.term.pressed(self.displacement)[0][0].distances.min(initial=np.inf))
+            gaps = self.term.pressed(self.displacement)[0].gaps
+            clear = float(gaps.distances.min(initial=np.inf))
             way = self.time + max(step, clear)
             if way > farthest:
                 return "the tool passes the body; aim it at the body"
@@ -273,8 +298,14 @@ class _Path:
             displacement = self._predict(poses, factor)
         term.poses = poses
         reason = "the multipliers did not settle"
+        tolerance, rough = newton.tolerance, self._first_tolerance
+        stiffer, last_change = 1.0, np.inf
         for _ in range(_MOST_UPDATES):
-            outcome = newton.solve(displacement, factor)
+            newton.tolerance = max(tolerance, rough)
+            try:
+                outcome = newton.solve(displacement, factor)
+            finally:
+                is_rough, newton.tolerance = newton.tolerance > tolerance, tolerance
             if outcome.displacement is None:
                 reason = outcome.reason
                 break
@@ -287,27 +318,37 @@ class _Path:
             if slid:
                 continue
             is_penalty = self._form is ContactForm.PENALTY
-            if is_penalty or self._is_settled(displacement):
+            change = 0.0 if is_penalty else self._update(displacement)
+            rough = _PART_OF_CHANGE * change if is_rough else 0.0
+            if self._first_tolerance and change > _SLOW * last_change and stiffer < _STIFFEST:
+                stiffer *= _STEP_OF_STIFFNESS
+                term.stiffen(stiffer)
+            last_change = change
+            if change <= _SETTLED and not is_rough:
                 too_far = term.why_too_far(self._problem, displacement, before[1] or poses)
                 if too_far and abs(time - self.time) > self._shortest_step:
                     reason = too_far
                     break
                 self.displacement = displacement
+                term.stiffen(1.0)
                 term.keep(displacement, poses)
                 return ""
+        term.stiffen(1.0)
         term.multipliers, term.poses = before
         term.go_back()
         if term.poses:
             term.settle(self.displacement)
         return reason
 
-    def _is_settled(self, displacement: Points) -> bool:
-        """Update the multipliers; return whether the change is within the tolerance.
+    def _update(self, displacement: Points) -> float:
+        """Update the multipliers; return how much they changed, over their size.
 
         The multipliers of a tool that only just touches are rounding errors and never settle.
         """
         change, size = self.term.update_multipliers(displacement)
-        return change <= max(_SETTLED * size, self.term.rounding_error(self.newton.body))
+        if change <= max(_SETTLED * size, self.term.rounding_error(self.newton.body)):
+            return 0.0
+        return change / size if size > 0.0 else 1.0
 
     def _predict(self, poses: list[NDArray[np.void]], factor: float) -> Points:
         """Rough displacement with the tools at other poses, to start from."""
@@ -330,14 +371,19 @@ class _Path:
     def _keep(self) -> None:
         term, u = self.term, self.displacement
         on_tools, areas, depths = [], [], []
-        for contact, pose, (gaps, push), force in zip(
+        for contact, pose, pressed, force in zip(
             term.contacts, term.poses, term.pressed(u), term.vectors(u), strict=True
         ):
             on_tools.append(on_tool(contact, u, force, pose))
-            areas.append(float(contact.areas[push > 0.0].sum()))
-            depths.append(float(max(0.0, -gaps.distances.min(initial=0.0))))
+            areas.append(float(contact.areas[pressed.push > 0.0].sum()))
+            depths.append(float(max(0.0, -pressed.averages.min(initial=0.0))))
         smallest = self.newton.body.smallest_det_f(u)[0]
         self.rows.append((self.time, u.copy(), on_tools, areas, depths, smallest))
+
+
+def _layers(tool: RigidTool, law: ContactLaw) -> float:
+    is_soft = tool.contact is ContactRule.FACETS and law.form is ContactForm.CONSTRAINT
+    return _LAYERS_OVER_FACETS if is_soft else STIFFNESS_IN_LAYERS
 
 
 def _knots(problem: Problem) -> Floats:
@@ -350,6 +396,10 @@ def _require_known_to_statics(problem: Problem, form: ContactForm) -> None:
         raise InputError("no tool: use palpate.fastsim.statics.solve_static")
     require_drive_of_statics(problem.tools)
     for number, tool in enumerate(problem.tools, start=1):
+        if isinstance(tool.shape, BoxShape) and tool.contact is ContactRule.FACETS:
+            # Beyond an edge the distance is one to the side, whose average over a facet that the
+            # edge crosses is no gap.
+            raise FacetContactError(number - 1, "the edges of a box are known to vertices only")
         if tool.friction_coefficient > 0.0 and form is ContactForm.PENALTY:
             raise InputError(
                 f"tool {number} has friction: statics know it with the constraint, not a penalty"

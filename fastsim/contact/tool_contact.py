@@ -1,17 +1,21 @@
-"""A rigid tool beside a body: gaps at boundary vertices, and the penalty's forces.
+"""A rigid tool beside a body: the points at which gaps are taken, and the gaps.
 
-The facet integral of the penalty pressure k max(0, -g) is taken by vertex quadrature: each
-boundary vertex carries a third of the rest area of its contact facets.
+Each boundary vertex that may touch carries a third of the rest area of its contact facets. The
+integral of the penalty pressure k max(0, -g) is taken by vertex quadrature; over facets g is the
+average of `contact_sampling.py`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
+from palpate.fastsim.contact.contact_sampling import ContactSampling
+from palpate.fastsim.contact.errors import FacetContactError
 from palpate.fastsim.forces import lumped_areas
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
@@ -19,6 +23,7 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
+    ContactRule,
     PlaneShape,
     RigidTool,
     SphereShape,
@@ -55,6 +60,7 @@ class ToolContact:
         tool: The tool.
         vertices: Points that may touch, ascending: not fixed in all components, shape (n,).
         areas: Rest area of each [m2], shape (n,).
+        sampling: Points at which gaps are taken: the vertices, or points of the facets.
     """
 
     def __init__(self, problem: Problem, tool: RigidTool) -> None:
@@ -66,16 +72,34 @@ class ToolContact:
         is_free = FixedPoints(problem).is_free.any(axis=1)
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
         self.areas = lumped[self.vertices]
+        self.sampling = ContactSampling(
+            tool.contact, mesh.points, self.facets, self.vertices, self.areas
+        )
         self._rest = mesh.points[self.vertices]
 
-    def positions(self, displacement: Points) -> Points:
+    def vertex_positions(self, displacement: Points) -> Points:
         """The vertices as displaced [m], shape (n, 3)."""
         positions: Points = self._rest + displacement[self.vertices]
         return positions
 
     def gaps(self, displacement: Points, pose: NDArray[np.void]) -> Gaps:
-        """Gaps of the vertices, the tool at a pose (see `poses_at`)."""
-        return gaps_at(self.shape, self.positions(displacement), pose)
+        """Gaps of the points of `sampling`, the tool at a pose (see `poses_at`)."""
+        return gaps_at(self.shape, self.sampling.positions(displacement), pose)
+
+
+def require_vertices(tools: Sequence[RigidTool], what: str) -> None:
+    """Refuse contact over facets where it is known at vertices only.
+
+    Args:
+        tools: All tools of a problem.
+        what: What knows vertices only, as the subject of a sentence.
+
+    Raises:
+        FacetContactError: A tool with contact over facets.
+    """
+    for number, tool in enumerate(tools):
+        if tool.contact is not ContactRule.VERTICES:
+            raise FacetContactError(number, what)
 
 
 def core_shape(shape: ToolShape) -> _core.ToolShape:
@@ -123,8 +147,8 @@ def on_tool(
     Args:
         contact: The tool.
         displacement: Displacement of the body [m], shape (num_points, 3).
-        force: On the contact's vertices [N], shape (n, 3).
+        force: On the points of its sampling [N], shape (m, 3).
         pose: Pose of the tool.
     """
-    arms = contact.positions(displacement) - pose["position"]
+    arms = contact.sampling.positions(displacement) - pose["position"]
     return np.concatenate([-force.sum(axis=0), -np.cross(arms, force).sum(axis=0)])

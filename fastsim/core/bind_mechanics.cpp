@@ -167,12 +167,21 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert())
         .def(
-            "add_diagonal_blocks",
-            [](ElasticBody &body, GivenColumn<Index> points, GivenTable<double, 9> blocks) {
+            "extend_pattern",
+            [](ElasticBody &body, GivenColumn<Index> rows, GivenColumn<Index> columns) {
                 nb::gil_scoped_release release;
-                add_diagonal_blocks(as_span(points), as_rows<Matrix3>(blocks), body.matrix);
+                extend_pattern(as_span(rows), as_span(columns), body.elastic.cells, body.matrix);
             },
-            nb::arg("points").noconvert(), nb::arg("blocks").noconvert())
+            nb::arg("rows").noconvert(), nb::arg("columns").noconvert())
+        .def(
+            "add_blocks",
+            [](ElasticBody &body, GivenColumn<Index> rows, GivenColumn<Index> columns,
+               GivenTable<double, 9> blocks) {
+                nb::gil_scoped_release release;
+                add_blocks(as_span(rows), as_span(columns), as_rows<Matrix3>(blocks), body.matrix);
+            },
+            nb::arg("rows").noconvert(), nb::arg("columns").noconvert(),
+            nb::arg("blocks").noconvert())
         .def(
             "set_frames",
             [](ElasticBody &body, GivenColumn<Index> points, GivenTable<double, 9> axes) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace fastsim {
 
@@ -15,6 +16,28 @@ Matrix3 &cell_block(BlockMatrix &matrix, std::span<const Index> cells, std::size
                     std::size_t k) {
     const auto row = static_cast<std::size_t>(cells[4 * cell + k / 4]);
     return matrix.blocks[matrix.row_start[row] + matrix.cell_position[16 * cell + k]];
+}
+
+std::span<const Index> columns_of(const BlockMatrix &matrix, std::size_t row) {
+    return {matrix.columns.data() + matrix.row_start[row],
+            matrix.row_start[row + 1] - matrix.row_start[row]};
+}
+
+void require_few_neighbours(const BlockMatrix &matrix, std::size_t row) {
+    if (columns_of(matrix, row).size() > std::numeric_limits<std::uint16_t>::max())
+        throw CrowdedPointError(static_cast<Index>(row));
+}
+
+/// Where each cell's blocks are in their rows.
+void locate_cells(std::span<const Index> cells, BlockMatrix &matrix) {
+    matrix.cell_position.resize(4 * cells.size());
+    for (std::size_t first = 0; first < cells.size(); first += 4)
+        for (std::size_t a = 0; a < 4; ++a) {
+            const auto row = columns_of(matrix, static_cast<std::size_t>(cells[first + a]));
+            for (std::size_t b = 0; b < 4; ++b)
+                matrix.cell_position[4 * (first + a) + b] = static_cast<std::uint16_t>(
+                    std::ranges::lower_bound(row, cells[first + b]) - row.begin());
+        }
 }
 
 } // namespace
@@ -50,26 +73,47 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
             matrix.columns.push_back(*it);
         }
         matrix.row_start[i + 1] = matrix.columns.size();
-        if (matrix.row_start[i + 1] - matrix.row_start[i] >
-            std::numeric_limits<std::uint16_t>::max())
-            throw CrowdedPointError(static_cast<Index>(i));
+        require_few_neighbours(matrix, i);
     }
     matrix.columns.shrink_to_fit();
     std::vector<Index>().swap(listed);
     matrix.blocks.assign(matrix.columns.size(), Matrix3{});
-    matrix.cell_position.resize(16 * num_cells);
-    for (std::size_t c = 0; c < num_cells; ++c)
-        for (std::size_t a = 0; a < 4; ++a) {
-            const auto row = static_cast<std::size_t>(cells[4 * c + a]);
-            const auto first =
-                matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row]);
-            const auto last =
-                matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row + 1]);
-            for (std::size_t b = 0; b < 4; ++b)
-                matrix.cell_position[16 * c + 4 * a + b] = static_cast<std::uint16_t>(
-                    std::lower_bound(first, last, cells[4 * c + b]) - first);
-        }
+    locate_cells(cells, matrix);
     return matrix;
+}
+
+void extend_pattern(std::span<const Index> rows, std::span<const Index> columns,
+                    std::span<const Index> cells, BlockMatrix &matrix) {
+    std::vector<std::vector<Index>> added(matrix.num_points);
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        added[static_cast<std::size_t>(rows[k])].push_back(columns[k]);
+        added[static_cast<std::size_t>(columns[k])].push_back(rows[k]);
+    }
+    BlockMatrix wider;
+    wider.num_points = matrix.num_points;
+    wider.row_start.assign(1, 0);
+    wider.diagonal.resize(matrix.num_points);
+    std::vector<Index> row;
+    for (std::size_t i = 0; i < matrix.num_points; ++i) {
+        const auto before = columns_of(matrix, i);
+        row.assign(before.begin(), before.end());
+        row.insert(row.end(), added[i].begin(), added[i].end());
+        std::ranges::sort(row);
+        row.erase(std::ranges::unique(row).begin(), row.end());
+        std::size_t old = 0;
+        for (const Index column : row) {
+            if (static_cast<std::size_t>(column) == i)
+                wider.diagonal[i] = wider.columns.size();
+            const bool is_old = old < before.size() && before[old] == column;
+            wider.columns.push_back(column);
+            wider.blocks.push_back(is_old ? matrix.blocks[matrix.row_start[i] + old++] : Matrix3{});
+        }
+        wider.row_start.push_back(wider.columns.size());
+        require_few_neighbours(wider, i);
+    }
+    if (!matrix.cell_position.empty())
+        locate_cells(cells, wider);
+    matrix = std::move(wider);
 }
 
 void add_tangent(const ElasticCells &body, std::span<const double> displacement, double weight,
@@ -88,11 +132,9 @@ namespace {
 
 /// Of a row and a column that it has.
 Matrix3 &block(BlockMatrix &matrix, std::size_t row, Index column) {
-    const auto first = matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row]);
-    const auto last =
-        matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row + 1]);
-    const auto place = std::lower_bound(first, last, column);
-    return matrix.blocks[static_cast<std::size_t>(place - matrix.columns.begin())];
+    const auto columns = columns_of(matrix, row);
+    const auto place = std::ranges::lower_bound(columns, column) - columns.begin();
+    return matrix.blocks[matrix.row_start[row] + static_cast<std::size_t>(place)];
 }
 
 } // namespace
@@ -139,10 +181,10 @@ void add_facet_stiffness(std::span<const Index> facets, std::span<const double> 
             }
 }
 
-void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
-                         BlockMatrix &matrix) {
-    for (std::size_t k = 0; k < points.size(); ++k) {
-        Matrix3 &m = matrix.blocks[matrix.diagonal[static_cast<std::size_t>(points[k])]];
+void add_blocks(std::span<const Index> rows, std::span<const Index> columns,
+                std::span<const Matrix3> blocks, BlockMatrix &matrix) {
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        Matrix3 &m = block(matrix, static_cast<std::size_t>(rows[k]), columns[k]);
         for (std::size_t j = 0; j < 9; ++j)
             m[j] += blocks[k][j];
     }

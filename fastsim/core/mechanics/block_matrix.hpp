@@ -26,6 +26,11 @@ struct BlockMatrix {
 /// 65 535 neighbours.
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
 
+/// Adds pairs of points to the pattern, each in both rows; blocks there are as they were, new ones
+/// zero. `cells` are those that the pattern was made of. Throws CrowdedPointError as above.
+void extend_pattern(std::span<const Index> rows, std::span<const Index> columns,
+                    std::span<const Index> cells, BlockMatrix &matrix);
+
 /// Adds `weight` times the tangent stiffness dR/da at a displacement: the K of eq. 5 for linear
 /// strain.
 void add_tangent(const ElasticCells &body, std::span<const double> displacement, double weight,
@@ -43,9 +48,9 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
 void add_facet_stiffness(std::span<const Index> facets, std::span<const double> stiffnesses,
                          BlockMatrix &matrix);
 
-/// Adds to the diagonal blocks of some points, each named once.
-void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
-                         BlockMatrix &matrix);
+/// Adds blocks of pairs of points that the pattern has.
+void add_blocks(std::span<const Index> rows, std::span<const Index> columns,
+                std::span<const Matrix3> blocks, BlockMatrix &matrix);
 
 /// Axes of their own for some points, as rows: a vector v of such a point has components Q v there.
 struct PointFrames {

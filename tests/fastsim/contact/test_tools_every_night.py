@@ -27,9 +27,16 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.kidney import shape_kidney
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_modes import parts_of_mesh
-from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, RigidTool, SphereShape, ToolPath
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    ContactRule,
+    RigidTool,
+    SphereShape,
+    ToolPath,
+)
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.studies.grading import (
     RADIUS,
@@ -104,6 +111,17 @@ def test_a_coarse_level_is_stiffer_and_green_is_softer() -> None:
     linear, green = over_hertz(3.0, 0.5)
     assert 1.03 < linear < 1.15
     assert 0.93 < green / linear < 0.97
+
+
+def test_over_facets_smoothed_cells_are_within_two_percent_of_hertz() -> None:
+    radius = contact_radius(DEPTH * RADIUS, RADIUS)
+    mesh = quarter_block(radius / 3.0, 1.5 * radius, growth=0.5)
+    problem = sphere_into_block(mesh, (0.0, DEPTH))
+    tool = replace(problem.tools[0], contact=ContactRule.FACETS)
+    found = solve_contact(
+        replace(problem, tools=(tool,)), strain=Strain.LINEAR, element=Element.SMOOTHED
+    )
+    assert 4.0 * found.forces[-1, 0, 2] / hertz(DEPTH) == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.nightly
