@@ -91,7 +91,7 @@ def relax(
         max_steps: Largest number of steps before giving up.
         num_threads: At least 1.
         device: On which the steps are made; see `ExplicitBody`.
-        contact: How contact is enforced: None is the constraint.
+        contact: How contact is enforced: None is the constraint, over facets a penalty.
         progress: Called with one line now and then.
 
     Returns:

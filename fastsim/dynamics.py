@@ -102,7 +102,8 @@ def simulate(
         num_threads: At least 1. A run repeats bit for bit for a given number.
         device: "cpu" is the compiled core; for others see `ExplicitBody`.
         tracks_energy: Sum up work and losses at every step (slower).
-        contact: How contact is enforced: None is the constraint, for force-driven tools a penalty.
+        contact: How contact is enforced: None is the constraint; for force-driven tools, and over
+            facets, a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
         progress: Called with one line per stored state.

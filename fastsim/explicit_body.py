@@ -69,7 +69,8 @@ class ExplicitBody:
             processor, which need the extra `gpu`; see `palpate.fastsim.gpu`.
         is_repeatable: On a device: sums in one order, bit for bit; else in any order.
         tracks_energy: Sum up work and losses at every step (slower).
-        contact: How contact is enforced: None is the constraint, for force-driven tools a penalty.
+        contact: How contact is enforced: None is the constraint; for force-driven tools, and over
+            facets, a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
         mass: Fictitious lumped mass [kg], shape (num_points,), for dynamic relaxation; the caller

@@ -11,6 +11,9 @@ with normal forces N_i = a_i p_i [N]. A vertex alone has one point and beta = ps
 facets see `ContactRule`. As the sum over q of s_qi beta_qk is 1 for k = i and else 0, an average of
 positions is the position of the vertex itself. The gradient of g_i reaches all corners of its
 patches, so that vertices two edges apart act on each other.
+
+The penalty over facets is integrated: each point is a constraint of its own with the area A w_q and
+s = 1, so that it never pulls.
 """
 
 from __future__ import annotations
@@ -48,12 +51,25 @@ class ContactSampling:
         rule: At vertices or over facets.
         rest: Points of the mesh [m], shape (num_points, 3).
         facets: That may touch, shape (m, 3).
-        vertices: With a constraint, ascending, shape (n,).
+        vertices: That are not fixed along all axes, ascending, shape (n,).
         areas: a_i of each [m2], shape (n,).
+        is_integrated: Whether each point of a facet is a constraint of its own.
+
+    Attributes:
+        areas: Of the constraints [m2], shape (n,).
+        patches: Corners of the patches, shape (m, 1) or (m, 3).
+        patch_areas: Rest areas of the patches [m2], shape (m,).
     """
 
     def __init__(
-        self, rule: ContactRule, rest: Points, facets: Indices, vertices: Indices, areas: Floats
+        self,
+        rule: ContactRule,
+        rest: Points,
+        facets: Indices,
+        vertices: Indices,
+        areas: Floats,
+        *,
+        is_integrated: bool,
     ) -> None:
         self._rest, self._vertices = rest, vertices
         count = len(vertices)
@@ -65,23 +81,29 @@ class ContactSampling:
             patches = facets[(number[facets] < count).any(axis=1)]
             a, b, c = rest[patches].transpose(1, 0, 2)
             sizes = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        self._patches = patches
+        self.patches, self.patch_areas, self.areas = patches, sizes, areas
         self._shape = _SHAPES[rule]
-        # Constraint of each corner; those without have the number n.
+        # Constraints of each patch; at corners without one the number n.
         self._number = number[patches]
         share = (sizes[:, None] / np.append(areas, np.inf)[self._number])[:, None, :]
         self._share: Floats = share * (_DUALS[rule] / len(self._shape))
+        if is_integrated:
+            self.areas = np.repeat(sizes / len(self._shape), len(self._shape))
+            self._number = np.arange(len(self.areas)).reshape(len(patches), -1)
+            self._share = np.broadcast_to(
+                np.eye(len(self._shape)), (len(patches), *self._shape.shape[:1] * 2)
+            )
 
     def positions(self, displacement: Points) -> Points:
         """The points as displaced [m], shape (number of points, 3)."""
-        corners = self._rest[self._patches] + displacement[self._patches]
+        corners = self._rest[self.patches] + displacement[self.patches]
         positions: Points = (self._shape @ corners).reshape(-1, 3)
         return positions
 
     def averaged(self, values: Floats) -> Floats:
         """Sums of s_qi times values of the points: of each constraint, shape (n, ...)."""
         parts = self._share.transpose(0, 2, 1) @ self._of_patches(values)
-        sums = _sums(self._number, parts, len(self._vertices) + 1)
+        sums = _sums(self._number, parts, len(self.areas) + 1)
         return sums[:-1].reshape(-1, *values.shape[1:])
 
     def spread(self, values: Floats) -> Floats:
@@ -93,7 +115,7 @@ class ContactSampling:
 
     def add_to(self, force: Points, vectors: Points) -> None:
         """Add forces on the points [N], shape (m, 3), to those of the mesh's points."""
-        np.add.at(force, self._patches, self._shape.T @ self._of_patches(vectors))
+        np.add.at(force, self.patches, self._shape.T @ self._of_patches(vectors))
 
     def extend_pattern(self, body: Body) -> None:
         """Add the pairs of vertices that act on each other to the pattern of the body's matrix."""
@@ -110,7 +132,7 @@ class ContactSampling:
                 shape (n,).
             normals: Gradients of the gaps of the points, shape (m, 3).
             bends: Stiffnesses of the points [N/m], shape (m, 3, 3).
-            own: Stiffnesses of the vertices with constraints [N/m], shape (n, 3, 3).
+            own: Stiffnesses of the vertices of the constraints [N/m], shape (n, 3, 3).
         """
         pairs, shape = self._pairs, self._shape
         bent, padded = self._of_patches(bends), np.append(weights, 0.0)
@@ -135,17 +157,17 @@ class ContactSampling:
     def _of_patches(self, values: Floats) -> Floats:
         """Values of the points, patch by patch: shape (patches, points of one, components)."""
         size = int(np.prod(values.shape[1:]))
-        rows: Floats = values.reshape(len(self._patches), len(self._shape), size)
+        rows: Floats = values.reshape(len(self.patches), len(self._shape), size)
         return rows
 
     @cached_property
     def _pairs(self) -> _Pairs:
-        number, patches, count = self._number, self._patches, len(self._rest)
+        number, patches, count = self._number, self.patches, len(self._rest)
         keys = number[:, :, None] * count + patches[:, None, :]
         entries, entry = np.unique(keys, return_inverse=True)
         of, vertex = np.divmod(entries, count)
         # Of the constraints' own entries; those of corners without one come last.
-        own = of[of < len(self._vertices)]
+        own = of[of < len(self.areas)]
         sizes = np.bincount(own, minlength=1)
         start = np.cumsum(sizes) - sizes
         first = np.repeat(np.arange(len(own)), sizes[own])
@@ -164,7 +186,7 @@ class _Pairs:
     """Which vertices act on each other.
 
     Attributes:
-        entry: Entry of the constraint of corner k for the vertex at corner l, (patches, k, l).
+        entry: Entry of a patch's constraint k for the vertex at its corner l, (patches, k, l).
         of: Constraint of each entry.
         first, second: Two entries of one constraint, for every such pair.
         slot: Block of each pair.

@@ -56,17 +56,17 @@ class ContactTerm:
 
     Attributes:
         poses: Poses of each tool, of `POSE`; to be set before any other use.
-        multipliers: Multipliers of the vertices of each tool [N].
+        multipliers: Multipliers of the constraints of each tool [N].
         settled: Normal forces on them at the last equilibrium [N].
     """
 
     def __init__(self, contacts: list[ToolContact], stiffnesses: list[float]) -> None:
         self.contacts = contacts
         self.poses: list[NDArray[np.void]] = []
-        self.multipliers = [np.zeros(len(contact.vertices)) for contact in contacts]
-        self.settled = [np.zeros(len(contact.vertices)) for contact in contacts]
+        self.multipliers = [np.zeros(len(contact.sampling.areas)) for contact in contacts]
+        self.settled = [np.zeros(len(contact.sampling.areas)) for contact in contacts]
         self._weights = self._given = [
-            k * contact.areas for k, contact in zip(stiffnesses, contacts, strict=True)
+            k * contact.sampling.areas for k, contact in zip(stiffnesses, contacts, strict=True)
         ]
         self._drags = [
             Drag(contact.tool.friction_coefficient, weight)
@@ -120,13 +120,16 @@ class ContactTerm:
         return out
 
     def _dragged(self, number: int, displacement: Points, gaps: Gaps) -> tuple[Points, Floats]:
-        contact = self.contacts[number]
+        contact, drag = self.contacts[number], self._drags[number]
+        if drag.coefficient == 0.0:
+            count = len(contact.sampling.areas)
+            return np.zeros((count, 3)), np.zeros((count, 3, 3))
         positions = contact.vertex_positions(displacement)
         normals = contact.sampling.averaged(gaps.normals)
         normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
         # Where a tool will be, the vertices that stick to it are to come along.
         pose = (self._next_poses or self.poses)[number]
-        return self._drags[number].forces(positions, pose, normals, self.multipliers[number])
+        return drag.forces(positions, pose, normals, self.multipliers[number])
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
         """Add minus the force's derivative to the matrix; return whether other vertices touch."""
@@ -310,9 +313,6 @@ class Drag:
             normals: Out of the tool, shape (n, 3).
             pushes: Multipliers of contact, which bound it [N], shape (n,).
         """
-        count = len(positions)
-        if self.coefficient == 0.0 or not count:
-            return np.zeros((count, 3)), np.zeros((count, 3, 3))
         slip = _seen_from(positions, pose) - self._kept[1]
         wanted = (self._multipliers - self.weights[:, None] * slip) @ pose["rotation"].T
         across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)

@@ -52,7 +52,7 @@ class ToolTooSmallError(ToolError):
 
 
 class FacetContactError(ToolError):
-    """Contact over facets where it is known at vertices only.
+    """Contact over facets of a kind that is known at vertices only.
 
     Attributes:
         tool: Number of the tool, from 0.
@@ -63,9 +63,7 @@ class FacetContactError(ToolError):
         self.tool = tool
         self.what = what
         super().__init__(
-            f"tool {tool + 1} asks for contact over facets; {what}: give it "
-            'contact = "vertices", or take statics with a ball, a capsule, a half space or a '
-            "surface"
+            f'tool {tool + 1} asks for contact over facets; {what}; give it contact = "vertices"'
         )
 
 

@@ -22,12 +22,13 @@ from palpate.fastsim.contact.contact_law import (
     require_larger_than_gaps,
     require_outside,
 )
-from palpate.fastsim.contact.errors import ToolTooFastError
-from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path, require_vertices
+from palpate.fastsim.contact.errors import FacetContactError, ToolTooFastError
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool
 
 # As in core/explicit/contact.hpp: the prescribed pose of a tool at a time, and the loads on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
@@ -43,6 +44,28 @@ TOOL_RECORD = np.dtype(
 )
 # A vertex deeper than this fraction of the tool's half thickness may leave on the other side.
 _DEEPEST = 0.5
+
+
+def _is_over_facets(tool: RigidTool) -> bool:
+    return tool.contact is ContactRule.FACETS
+
+
+def _require_known_to_motions(problem: Problem, law: ContactLaw | None) -> None:
+    """Over facets the constraints of neighbours are coupled, and friction with them."""
+    is_constraint = law is not None and law.form is ContactForm.CONSTRAINT
+    for number, tool in enumerate(problem.tools):
+        if not _is_over_facets(tool):
+            continue
+        for is_so, what in (
+            (
+                is_constraint,
+                "in motion it is a penalty, and the constraint is known at vertices only",
+            ),
+            (tool.friction_coefficient > 0.0, "motions know friction at vertices only"),
+            (isinstance(tool.shape, BoxShape), "the edges of a box are known to vertices only"),
+        ):
+            if is_so:
+                raise FacetContactError(number, what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +97,8 @@ class ExplicitTools:
 
     Args:
         problem: With tools.
-        law: How contact is enforced; None is the constraint, or for a tool that is driven by a
-            force the penalty.
+        law: How contact is enforced; None is the constraint, or the penalty for a tool that is
+            driven by a force or has contact over facets, where it is integrated.
         mass: Lumped [kg], shape (num_points,).
         critical_time_step: Critical time step of the body alone [s].
         time_step: Chosen step [s], or None.
@@ -86,7 +109,7 @@ class ExplicitTools:
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
-        FacetContactError: A tool with contact over facets.
+        FacetContactError: Contact over facets with the constraint, with friction or with a box.
     """
 
     def __init__(
@@ -102,12 +125,15 @@ class ExplicitTools:
         self._problem = problem
         self._mass = mass
         self._clock = clock
-        require_vertices(problem.tools, "motions know it at vertices only")
+        _require_known_to_motions(problem, law)
         self.contacts = [ToolContact(problem, tool) for tool in problem.tools]
         self.stiffnesses: list[float | None] = []
         for contact in self.contacts:
-            driven = contact.tool.drive is not None
-            chosen = law or ContactLaw(ContactForm.PENALTY if driven else ContactForm.CONSTRAINT)
+            driven, over_facets = contact.tool.drive is not None, _is_over_facets(contact.tool)
+            is_penalty = driven or over_facets
+            chosen = law or ContactLaw(
+                ContactForm.PENALTY if is_penalty else ContactForm.CONSTRAINT
+            )
             if chosen.form is ContactForm.CONSTRAINT:
                 if driven:
                     raise InputError(
@@ -157,14 +183,27 @@ class ExplicitTools:
                 self._require_slow(self._paths[number], number)
             deepest = _DEEPEST * half_thickness(tool.shape)
             drive = tool.drive
+            direction = (0.0, 0.0, 0.0) if drive is None else drive.direction
+            tool_mass = 0.0 if drive is None else drive.mass
+            if k is not None and _is_over_facets(tool):
+                run.add_tool_over_facets(
+                    contact.shape,
+                    deepest=deepest,
+                    direction=direction,
+                    mass=tool_mass,
+                    points=rest,
+                    facets=np.ascontiguousarray(contact.sampling.patches),
+                    stiffnesses=k * contact.sampling.patch_areas,
+                )
+                continue
             run.add_tool(
                 contact.shape,
                 is_constraint=k is None,
                 friction=tool.friction_coefficient,
                 reach=deepest if np.isfinite(deepest) else 0.0,
                 deepest=deepest,
-                direction=(0.0, 0.0, 0.0) if drive is None else drive.direction,
-                mass=0.0 if drive is None else drive.mass,
+                direction=direction,
+                mass=tool_mass,
                 points=rest,
                 vertices=contact.vertices,
                 stiffnesses=contact.areas * (0.0 if k is None else k),

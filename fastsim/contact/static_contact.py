@@ -34,8 +34,8 @@ from palpate.meshes.rigid_tool import (
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
 STIFFNESS_IN_LAYERS = 100.0
-# That by which the multipliers over facets are found: a softer one, as those of neighbours are
-# coupled, by which fewer of them become active and inactive in turn.
+# Over facets, as in motion; multipliers of neighbours are coupled there, and with a softer penalty
+# fewer of them become active and inactive in turn while they are found.
 _LAYERS_OVER_FACETS = 10.0
 # Multipliers are settled when they change by no more than this.
 _SETTLED = 1e-9
@@ -64,9 +64,10 @@ class ContactResult:
         displacements: [m], shape (n, num_points, 3).
         forces: On each tool [N], shape (n, num_tools, 3).
         moments: On each tool about its origin [N m], shape (n, num_tools, 3).
-        areas: Rest area of the vertices that each tool presses [m2], shape (n, num_tools).
-        penetrations: Deepest vertex in each tool [m], >= 0, shape (n, num_tools); over facets by
-            the gaps that are averaged for the vertices.
+        areas: Rest area of the vertices (points of facets, with a penalty over these) that each
+            tool presses [m2], shape (n, num_tools).
+        penetrations: Deepest of them in each tool [m], >= 0, shape (n, num_tools); with the
+            constraint over facets by the gaps that are averaged for the vertices.
         smallest_det_f: At each knot [-], shape (n,).
         stiffnesses: Penalty of each tool [Pa/m].
         iterations: Newton iterations in all.
@@ -128,9 +129,10 @@ def solve_contact(
     law = law or ContactLaw()
     _require_known_to_statics(problem, law.form)
     require_supported(problem)
-    contacts = [ToolContact(problem, tool) for tool in problem.tools]
+    is_penalty = law.form is ContactForm.PENALTY
+    contacts = [ToolContact(problem, tool, is_penalty=is_penalty) for tool in problem.tools]
     stiffnesses = [
-        law.stiffness or _layers(contact.tool, law) * layer_stiffness(problem, contact.facets)
+        law.stiffness or _layers(contact.tool) * layer_stiffness(problem, contact.facets)
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):
@@ -375,15 +377,15 @@ class _Path:
             term.contacts, term.poses, term.pressed(u), term.vectors(u), strict=True
         ):
             on_tools.append(on_tool(contact, u, force, pose))
-            areas.append(float(contact.areas[pressed.push > 0.0].sum()))
+            areas.append(float(contact.sampling.areas[pressed.push > 0.0].sum()))
             depths.append(float(max(0.0, -pressed.averages.min(initial=0.0))))
         smallest = self.newton.body.smallest_det_f(u)[0]
         self.rows.append((self.time, u.copy(), on_tools, areas, depths, smallest))
 
 
-def _layers(tool: RigidTool, law: ContactLaw) -> float:
-    is_soft = tool.contact is ContactRule.FACETS and law.form is ContactForm.CONSTRAINT
-    return _LAYERS_OVER_FACETS if is_soft else STIFFNESS_IN_LAYERS
+def _layers(tool: RigidTool) -> float:
+    is_over_facets = tool.contact is ContactRule.FACETS
+    return _LAYERS_OVER_FACETS if is_over_facets else STIFFNESS_IN_LAYERS
 
 
 def _knots(problem: Problem) -> Floats:

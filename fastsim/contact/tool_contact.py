@@ -56,6 +56,11 @@ class Gaps:
 class ToolContact:
     """One tool and the vertices it may touch.
 
+    Args:
+        problem: Mesh and supports.
+        tool: The tool.
+        is_penalty: Whether the gaps of facets are for a penalty, which is integrated over them.
+
     Attributes:
         tool: The tool.
         vertices: Points that may touch, ascending: not fixed in all components, shape (n,).
@@ -63,7 +68,7 @@ class ToolContact:
         sampling: Points at which gaps are taken: the vertices, or points of the facets.
     """
 
-    def __init__(self, problem: Problem, tool: RigidTool) -> None:
+    def __init__(self, problem: Problem, tool: RigidTool, *, is_penalty: bool = False) -> None:
         mesh = problem.mesh
         self.tool = tool
         self.shape = core_shape(tool.shape)
@@ -73,7 +78,12 @@ class ToolContact:
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
         self.areas = lumped[self.vertices]
         self.sampling = ContactSampling(
-            tool.contact, mesh.points, self.facets, self.vertices, self.areas
+            tool.contact,
+            mesh.points,
+            self.facets,
+            self.vertices,
+            self.areas,
+            is_integrated=is_penalty and tool.contact is ContactRule.FACETS,
         )
         self._rest = mesh.points[self.vertices]
 

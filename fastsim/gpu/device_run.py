@@ -164,6 +164,10 @@ class DeviceRun:
         kind, size = shape_numbers(shape, self._device)
         self.data.tools.append(SimpleNamespace(shape=kind, size=size, **given))
 
+    def add_tool_over_facets(self, *args: object, **kwargs: object) -> None:  # noqa: ARG002
+        """Only the core has it."""
+        raise UnsupportedOnDeviceError("contact over facets", self._device)
+
     def set_self_contact(self, *args: object, **kwargs: object) -> None:  # noqa: ARG002
         """Only the core has it."""
         raise UnsupportedOnDeviceError("contact of a body with itself", self._device)

@@ -23,6 +23,40 @@ void RigidTools<Real>::add(const TouchSettings &settings, const PointRecords &re
         reactions.resize(_tools.size());
 }
 
+template <typename Real>
+void RigidTools<Real>::add_over_facets(const TouchSettings &settings, const PointRecords &records,
+                                       std::span<const double> points,
+                                       std::span<const Index> facets,
+                                       std::span<const double> stiffnesses) {
+    add(settings, records, points, {}, {});
+    for (std::size_t f = 0; f < stiffnesses.size(); ++f) {
+        TouchFacet facet{{}, {}, stiffnesses[f]};
+        for (std::size_t k = 0; k < 3; ++k) {
+            const double *place = &points[3 * static_cast<std::size_t>(facets[3 * f + k])];
+            facet.entries[k] = records.first_entry(facets[3 * f + k]);
+            facet.rest[k] = {place[0], place[1], place[2]};
+        }
+        _tools.back().facets.push_back(facet);
+    }
+}
+
+template <typename Real> bool RigidTools<Real>::has_facets() const {
+    return std::ranges::any_of(_tools, [](const Tool &tool) { return !tool.facets.empty(); });
+}
+
+template <typename Real>
+double RigidTools<Real>::touch_facets(std::span<const ToolStep> now, Motion<Real> &motion,
+                                      Push<Real> &push) {
+    const double work = push.clear(0, motion);
+    push.touched[0].clear();
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Tool &tool = _tools[t];
+        tool.on_facets =
+            fastsim::touch_facets<Real>(tool.settings, tool.facets, tool.at(now[t]), motion, push);
+    }
+    return work;
+}
+
 template <typename Real> void RigidTools<Real>::reset() {
     for (Tool &tool : _tools) {
         tool.offset = tool.increment = 0.0;
@@ -42,10 +76,28 @@ template <typename Real> Pose RigidTools<Real>::Tool::after(const ToolStep &step
     return {along(step.pose.position, settings.direction, ahead), step.pose.rotation};
 }
 
+namespace {
+
+/// What pushes some records does along the step ahead [J].
+template <typename Real>
+double work_ahead(std::span<const std::size_t> records, const Push<Real> &push,
+                  const Motion<Real> &motion) {
+    double work = 0.0;
+    for (const std::size_t first : records)
+        for (std::size_t i = first; i < first + 3; ++i)
+            if (motion.is_free[i] != 0)
+                work += static_cast<double>(push.force[i]) *
+                        static_cast<double>(motion.increment_ahead(i));
+    return work;
+}
+
+} // namespace
+
 template <typename Real>
 typename RigidTools<Real>::Touched
 RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
-                        std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push) {
+                        std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push,
+                        const Push<Real> &facets) {
     const double behind = push.clear(thread, motion);
     std::vector<std::size_t> &touched = push.touched[thread];
     touched.clear();
@@ -59,15 +111,16 @@ RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<co
         Reaction &reaction = _reactions[thread][t];
         reaction = fastsim::touch<Real>(tool.settings, {begin, end}, tool.at(now[t]),
                                         tool.after(next[t]), motion, push, thread);
+        if (thread == 0 && !tool.facets.empty())
+            reaction = tool.on_facets;
         is_known = is_known && reaction.gap >= -tool.settings.deepest &&
                    reaction.fastest <= 0.5 * tool.settings.deepest;
     }
-    double ahead = 0.0;
-    for (const std::size_t first : touched)
-        for (std::size_t i = first; i < first + 3; ++i)
-            if (motion.is_free[i] != 0)
-                ahead += static_cast<double>(push.force[i]) *
-                         static_cast<double>(motion.increment_ahead(i));
+    const auto &on_facets = facets.touched[0]; // ascending
+    const auto first = std::ranges::lower_bound(on_facets, 4 * portion.first_owned);
+    const auto last = std::ranges::lower_bound(on_facets, 4 * portion.last_owned);
+    const double ahead =
+        work_ahead<Real>(touched, push, motion) + work_ahead<Real>({first, last}, facets, motion);
     return {is_known, 0.5 * (std::abs(behind) + std::abs(ahead))};
 }
 

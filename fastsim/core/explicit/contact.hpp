@@ -32,7 +32,12 @@ template <typename Real> class RigidTools {
     void add(const TouchSettings &settings, const PointRecords &records,
              std::span<const double> points, std::span<const Index> vertices,
              std::span<const double> stiffnesses);
+    /// A tool with a penalty over facets (3 points each), each with k A [N/m].
+    void add_over_facets(const TouchSettings &settings, const PointRecords &records,
+                         std::span<const double> points, std::span<const Index> facets,
+                         std::span<const double> stiffnesses);
     std::size_t size() const { return _tools.size(); }
+    bool has_facets() const;
 
     /// Each at the begin of its path, at rest.
     void reset();
@@ -41,9 +46,12 @@ template <typename Real> class RigidTools {
         bool is_known; // no vertex is so deep, or so fast, that it may come out on the other side
         double given;  // magnitude of the work on the body, half behind and half ahead [J]
     };
-    /// The tools' forces on the points of a thread.
+    /// The tools' forces on facets, found by one thread; returns half of the work of the last ones.
+    double touch_facets(std::span<const ToolStep> now, Motion<Real> &motion, Push<Real> &push);
+    /// The tools' forces on the vertices of a thread; those on facets are known.
     Touched touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
-                  std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push);
+                  std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push,
+                  const Push<Real> &facets);
 
     /// Once all threads have touched: what acts on each tool.
     void sum_reactions();
@@ -56,8 +64,9 @@ template <typename Real> class RigidTools {
     struct Tool {
         TouchSettings settings;
         std::vector<TouchVertex> vertices; // ascending entries
+        std::vector<TouchFacet> facets{};  // of a tool that touches these instead
         double offset = 0.0, increment = 0.0;
-        Reaction reaction{};
+        Reaction reaction{}, on_facets{};
         Point impulse{};
 
         Pose at(const ToolStep &step) const;

@@ -101,6 +101,14 @@ template <typename Real> class Run final : public ExplicitRun {
         _pushes.tools.force.assign(4 * _records.size(), Real(0));
     }
 
+    void add_tool_over_facets(const TouchSettings &settings, std::span<const double> points,
+                              std::span<const Index> facets,
+                              std::span<const double> stiffnesses) override {
+        _tools.add_over_facets(settings, _records, points, facets, stiffnesses);
+        _pushes.tools.force.assign(4 * _records.size(), Real(0));
+        _pushes.facets.force.assign(4 * _records.size(), Real(0));
+    }
+
     void set_self_contact(std::unique_ptr<BodyTouch> touch,
                           std::span<const double> points) override {
         _self_contact.set(std::move(touch), points);
@@ -178,7 +186,8 @@ template <typename Real> class Run final : public ExplicitRun {
         for (std::size_t i = 0; i < _records.size(); ++i)
             for (std::size_t j = 0; j < 3; ++j) {
                 const std::size_t at = 4 * _records.record_of[i] + j;
-                force[3 * i + j] = _pushes.tools.at(at) + _pushes.body.at(at);
+                force[3 * i + j] =
+                    _pushes.tools.at(at) + _pushes.facets.at(at) + _pushes.body.at(at);
             }
     }
 
@@ -216,6 +225,8 @@ template <typename Real> class Run final : public ExplicitRun {
             _monitor.give_later(_springs.add(factors, _motion, _pushes.springs));
         if (thread == 0 && !_self_contact.is_empty())
             _monitor.give_later(_self_contact.add(_records, _motion, _pushes.body));
+        if (thread == 0 && _tools.has_facets())
+            _monitor.give_later(_tools.touch_facets(plan.tools_at(step), _motion, _pushes.facets));
         _team.wait();
         if (const StopReason reason = _at_forces.result(step); reason != StopReason::none)
             return reason;
@@ -231,8 +242,9 @@ template <typename Real> class Run final : public ExplicitRun {
         _monitor.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
         _monitor.give(thread, _slides.hold(thread, factors, next, _motion));
         if (_tools.size() > 0) {
-            const auto touched = _tools.touch(thread, portion, plan.tools_at(step),
-                                              plan.tools_at(step + 1), _motion, _pushes.tools);
+            const auto touched =
+                _tools.touch(thread, portion, plan.tools_at(step), plan.tools_at(step + 1), _motion,
+                             _pushes.tools, _pushes.facets);
             _touches[thread].is_known = touched.is_known;
             _monitor.give(thread, touched.given);
         }

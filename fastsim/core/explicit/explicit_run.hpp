@@ -77,6 +77,10 @@ class ExplicitRun {
                                       std::span<const Index> histories) = 0;
     virtual void add_tool(const TouchSettings &settings, std::span<const double> points,
                           std::span<const Index> vertices, std::span<const double> stiffnesses) = 0;
+    /// A tool with a penalty over facets (3 points each), each with k A [N/m].
+    virtual void add_tool_over_facets(const TouchSettings &settings, std::span<const double> points,
+                                      std::span<const Index> facets,
+                                      std::span<const double> stiffnesses) = 0;
     virtual void set_self_contact(std::unique_ptr<BodyTouch> touch,
                                   std::span<const double> points) = 0;
     virtual void set_mass_damping(double mass_damping) = 0;

@@ -64,11 +64,13 @@ template <typename Real> struct Push {
 };
 
 template <typename Real> struct Pushes {
-    Push<Real> pressure, springs, body, tools;
+    Push<Real> pressure, springs, body, facets, tools; // facets: of tools on these
 
-    std::array<Push<Real> *, 4> all() { return {&pressure, &springs, &body, &tools}; }
+    std::array<Push<Real> *, 5> all() { return {&pressure, &springs, &body, &facets, &tools}; }
     /// Of those that do not depend on what is ahead [N].
-    double before_tools(std::size_t i) const { return pressure.at(i) + springs.at(i) + body.at(i); }
+    double before_tools(std::size_t i) const {
+        return pressure.at(i) + springs.at(i) + body.at(i) + facets.at(i);
+    }
 };
 
 } // namespace fastsim

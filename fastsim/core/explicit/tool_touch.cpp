@@ -144,6 +144,99 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
     return reaction;
 }
 
+namespace {
+
+// Barycentric coordinates (a, b, b) and its rotations in each quarter of a triangle, over its own:
+// a = 2/3, b = 1/6, exact for products of two shape functions.
+std::array<Point, 12> make_facet_points() {
+    constexpr std::array<std::array<Point, 3>, 4> quarters{
+        {{{{1, 0, 0}, {0.5, 0.5, 0}, {0.5, 0, 0.5}}},
+         {{{0, 1, 0}, {0, 0.5, 0.5}, {0.5, 0.5, 0}}},
+         {{{0, 0, 1}, {0.5, 0, 0.5}, {0, 0.5, 0.5}}},
+         {{{0.5, 0.5, 0}, {0, 0.5, 0.5}, {0.5, 0, 0.5}}}}};
+    std::array<Point, 12> points{};
+    for (std::size_t q = 0; q < 12; ++q)
+        for (std::size_t c = 0; c < 3; ++c)
+            points[q] = along(points[q], quarters[q / 3][c], c == q % 3 ? 2.0 / 3.0 : 1.0 / 6.0);
+    return points;
+}
+const std::array<Point, 12> facet_points = make_facet_points();
+
+/// Whether the middle of a triangle is farther out than from its corners: a distance changes by no
+/// more than the way.
+bool is_clear(const ToolShape &shape, const Pose &pose, const std::array<Point, 3> &corner) {
+    Point middle{};
+    for (const Point &place : corner)
+        middle = along(middle, place, 1.0 / 3.0);
+    double squared = 0.0;
+    for (const Point &place : corner) {
+        const Point way = minus(place, middle);
+        squared = std::max(squared, dot(way, way));
+    }
+    const double distance = gap_at(shape, pose, middle).distance;
+    return distance > 0.0 && distance * distance > squared;
+}
+
+} // namespace
+
+template <typename Real>
+Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> facets,
+                      const Pose &now, Motion<Real> &motion, Push<Real> &push) {
+    Reaction reaction{};
+    Real fastest(0);
+    const Box box = posed_box(box_of(tool.shape), now, tool.reach);
+    for (const TouchFacet &facet : facets) {
+        std::array<Point, 3> corner{}, force{};
+        Point low = box.high, high = box.low;
+        for (std::size_t k = 0; k < 3; ++k)
+            for (std::size_t j = 0; j < 3; ++j) {
+                const std::size_t i = facet.entries[k] + j;
+                corner[k][j] = facet.rest[k][j] + static_cast<double>(motion.displacement[i]);
+                low[j] = std::min(low[j], corner[k][j]);
+                high[j] = std::max(high[j], corner[k][j]);
+                fastest = std::max(fastest, std::abs(motion.increment[i]));
+            }
+        bool is_near = true;
+        for (std::size_t j = 0; j < 3; ++j)
+            is_near &= low[j] < box.high[j] && high[j] > box.low[j];
+        if (!is_near || is_clear(tool.shape, now, corner))
+            continue;
+        bool is_touched = false;
+        for (const Point &part : facet_points) {
+            Point place{};
+            for (std::size_t k = 0; k < 3; ++k)
+                place = along(place, corner[k], part[k]);
+            const Gap gap = gap_at(tool.shape, now, place);
+            reaction.gap = std::min(reaction.gap, gap.distance);
+            if (!(gap.distance < 0.0))
+                continue;
+            is_touched = true;
+            for (std::size_t k = 0; k < 3; ++k)
+                force[k] =
+                    along(force[k], gap.normal, -gap.distance * facet.stiffness / 12.0 * part[k]);
+        }
+        for (std::size_t k = 0; is_touched && k < 3; ++k) {
+            Point acting{};
+            for (std::size_t j = 0; j < 3; ++j) {
+                const Real rounded = static_cast<Real>(force[k][j]);
+                motion.force[facet.entries[k] + j] -= rounded;
+                push.force[facet.entries[k] + j] += rounded;
+                acting[j] = static_cast<double>(rounded);
+                reaction.force[j] -= acting[j];
+            }
+            const Point moment = cross(minus(corner[k], now.position), acting);
+            reaction.moment = along(reaction.moment, moment, -1.0);
+            push.touched[0].push_back(facet.entries[k]);
+        }
+    }
+    reaction.fastest = static_cast<double>(fastest);
+    return reaction;
+}
+
+template Reaction touch_facets(const TouchSettings &, std::span<const TouchFacet>, const Pose &,
+                               Motion<float> &, Push<float> &);
+template Reaction touch_facets(const TouchSettings &, std::span<const TouchFacet>, const Pose &,
+                               Motion<double> &, Push<double> &);
 template Reaction touch(const TouchSettings &, std::span<TouchVertex>, const Pose &, const Pose &,
                         Motion<float> &, Push<float> &, std::size_t);
 template Reaction touch(const TouchSettings &, std::span<TouchVertex>, const Pose &, const Pose &,

@@ -6,6 +6,8 @@
 //              end inside: with lumped mass a Lagrange multiplier for each vertex by itself
 //              (Carpenter, Taylor and Katona 1991, "Lagrange constraints for transient finite
 //              element surface contact": forward increments)
+//  facets      the penalty integrated over facets, f = k A w max(0, -g) n at each of their points;
+//              see ContactRule of Python
 //  friction    the force that stops the slip of the step ahead, at most mu times the normal force
 //
 // Vertices are first held against the tool's box. Forces on the tool are minus the sums of those
@@ -15,6 +17,7 @@
 #include "contact/tool_shape.hpp"
 #include "explicit/motion.hpp"
 
+#include <array>
 #include <cstddef>
 #include <limits>
 #include <span>
@@ -39,6 +42,12 @@ struct TouchVertex {
     WayIn way{};      // where it was beside the tool when last seen near it
 };
 
+struct TouchFacet {
+    std::array<std::size_t, 3> entries; // of its corners' records
+    std::array<Point, 3> rest;
+    double stiffness; // k A of the whole facet [N/m]
+};
+
 /// On the tool, about its origin; `gap` is the smallest met (with the constraint, where vertices
 /// would have been), `fastest` the largest component of an increment.
 struct Reaction {
@@ -53,5 +62,11 @@ struct Reaction {
 template <typename Real>
 Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const Pose &now,
                const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread);
+
+/// The same for the penalty over facets, from one thread; the records of their corners are added to
+/// those that may be pushed.
+template <typename Real>
+Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> facets,
+                      const Pose &now, Motion<Real> &motion, Push<Real> &push);
 
 } // namespace fastsim
