@@ -162,9 +162,9 @@ std::array<Point, 12> make_facet_points() {
 }
 const std::array<Point, 12> facet_points = make_facet_points();
 
-/// Whether the middle of a triangle is farther out than from its corners: a distance changes by no
-/// more than the way.
-bool is_clear(const ToolShape &shape, const Pose &pose, const std::array<Point, 3> &corner) {
+/// Whether the middle of a triangle is farther out than from its corners, in the tool's frame: a
+/// distance changes by no more than the way.
+bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner) {
     Point middle{};
     for (const Point &place : corner)
         middle = along(middle, place, 1.0 / 3.0);
@@ -173,8 +173,25 @@ bool is_clear(const ToolShape &shape, const Pose &pose, const std::array<Point, 
         const Point way = minus(place, middle);
         squared = std::max(squared, dot(way, way));
     }
-    const double distance = gap_at(shape, pose, middle).distance;
+    const double distance = gap_of(shape, middle).distance;
     return distance > 0.0 && distance * distance > squared;
+}
+
+/// Adds the forces over the area on the corners, in the tool's frame; returns the smallest gap.
+double add_facet_forces(const ToolShape &shape, const std::array<Point, 3> &corner,
+                        double stiffness, std::array<Point, 3> &force) {
+    double smallest = std::numeric_limits<double>::infinity();
+    for (const Point &part : facet_points) {
+        Point place{};
+        for (std::size_t k = 0; k < 3; ++k)
+            place = along(place, corner[k], part[k]);
+        const Gap gap = gap_of(shape, place);
+        smallest = std::min(smallest, gap.distance);
+        if (gap.distance < 0.0)
+            for (std::size_t k = 0; k < 3; ++k)
+                force[k] = along(force[k], gap.normal, -gap.distance * stiffness / 12.0 * part[k]);
+    }
+    return smallest;
 }
 
 } // namespace
@@ -199,26 +216,21 @@ Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> fac
         bool is_near = true;
         for (std::size_t j = 0; j < 3; ++j)
             is_near &= low[j] < box.high[j] && high[j] > box.low[j];
-        if (!is_near || is_clear(tool.shape, now, corner))
+        if (!is_near)
             continue;
-        bool is_touched = false;
-        for (const Point &part : facet_points) {
-            Point place{};
-            for (std::size_t k = 0; k < 3; ++k)
-                place = along(place, corner[k], part[k]);
-            const Gap gap = gap_at(tool.shape, now, place);
-            reaction.gap = std::min(reaction.gap, gap.distance);
-            if (!(gap.distance < 0.0))
-                continue;
-            is_touched = true;
-            for (std::size_t k = 0; k < 3; ++k)
-                force[k] =
-                    along(force[k], gap.normal, -gap.distance * facet.stiffness / 12.0 * part[k]);
-        }
-        for (std::size_t k = 0; is_touched && k < 3; ++k) {
+        const std::array<Point, 3> own{now.to_tool(corner[0]), now.to_tool(corner[1]),
+                                       now.to_tool(corner[2])};
+        if (is_clear(tool.shape, own))
+            continue;
+        const double gap = add_facet_forces(tool.shape, own, facet.stiffness, force);
+        reaction.gap = std::min(reaction.gap, gap);
+        if (!(gap < 0.0))
+            continue;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const Point given = now.turned_out(force[k]);
             Point acting{};
             for (std::size_t j = 0; j < 3; ++j) {
-                const Real rounded = static_cast<Real>(force[k][j]);
+                const Real rounded = static_cast<Real>(given[j]);
                 motion.force[facet.entries[k] + j] -= rounded;
                 push.force[facet.entries[k] + j] += rounded;
                 acting[j] = static_cast<double>(rounded);
