@@ -18,6 +18,7 @@ s = 1, so that it never pulls.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -89,7 +90,7 @@ class ContactSampling:
         self._share: Floats = share * (_DUALS[rule] / len(self._shape))
         if is_integrated:
             self.areas = np.repeat(sizes / len(self._shape), len(self._shape))
-            self._number = np.arange(len(self.areas)).reshape(len(patches), -1)
+            self._number = np.arange(len(self.areas)).reshape(len(patches), len(self._shape))
             self._share = np.broadcast_to(
                 np.eye(len(self._shape)), (len(patches), *self._shape.shape[:1] * 2)
             )
@@ -104,13 +105,14 @@ class ContactSampling:
         """Sums of s_qi times values of the points: of each constraint, shape (n, ...)."""
         parts = self._share.transpose(0, 2, 1) @ self._of_patches(values)
         sums = _sums(self._number, parts, len(self.areas) + 1)
-        return sums[:-1].reshape(-1, *values.shape[1:])
+        return sums[:-1].reshape(len(self.areas), *values.shape[1:])
 
     def spread(self, values: Floats) -> Floats:
         """Sums of s_qi times values of the constraints: of each point, shape (m, ...)."""
         padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
-        rows = padded[self._number].reshape(*self._number.shape, -1)
-        spread: Floats = (self._share @ rows).reshape(-1, *values.shape[1:])
+        rows = padded[self._number].reshape(*self._number.shape, math.prod(values.shape[1:]))
+        count = self._share.shape[0] * self._share.shape[1]
+        spread: Floats = (self._share @ rows).reshape(count, *values.shape[1:])
         return spread
 
     def add_to(self, force: Points, vectors: Points) -> None:
@@ -156,7 +158,7 @@ class ContactSampling:
 
     def _of_patches(self, values: Floats) -> Floats:
         """Values of the points, patch by patch: shape (patches, points of one, components)."""
-        size = int(np.prod(values.shape[1:]))
+        size = math.prod(values.shape[1:])
         rows: Floats = values.reshape(len(self.patches), len(self._shape), size)
         return rows
 

@@ -385,6 +385,19 @@ def test_a_ball_is_dragged_by_friction_as_it_is_at_vertices(slab: TetMesh) -> No
     assert dragged == pytest.approx([0.2, 0.2], abs=0.02)
 
 
+@pytest.mark.parametrize("law", [ContactLaw(), ContactLaw(ContactForm.PENALTY)])
+@pytest.mark.parametrize("rule", list(ContactRule))
+def test_facets_of_fixed_points_take_no_part(
+    slab: TetMesh, rule: ContactRule, law: ContactLaw
+) -> None:
+    pushing = tool_of(BALL, 0.0, 0.02)
+    idle = replace(tool_of(BALL, 0.0, 0.02, rule=rule), contact_facets=facets_at(slab, 2, 0.0))
+    found = solve_contact(replace(standing(slab, pushing), tools=(pushing, idle)), law=law)
+    assert found.forces[-1, 0, 2] > 5.0
+    assert not found.forces[-1, 1].any()
+    assert not solve_contact(standing(slab, idle), law=law).forces.any()
+
+
 def test_the_ball_of_press_is_pushed_with_the_truths_force() -> None:
     """0.1493 N by the truth; vertices alone are 25 % off, and facets need no more iterations."""
     problem = load_case("press").problem
