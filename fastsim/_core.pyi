@@ -290,8 +290,8 @@ class ExplicitRun:
         vertices: Ints, stiffnesses: Floats
     ) -> None: ...
     def add_tool_over_facets(
-        self, shape: ToolShape, *, deepest: float, direction: tuple[float, float, float],
-        mass: float, points: Floats, facets: Ints, stiffnesses: Floats
+        self, shape: ToolShape, *, reach: float, deepest: float,
+        direction: tuple[float, float, float], mass: float, points: Floats, facets: Ints, stiffnesses: Floats
     ) -> None: ...
     def set_self_contact(
         self, points: Floats, cells: Ints, vertices: Ints, facets: Ints, parts: Ints,

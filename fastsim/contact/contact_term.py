@@ -216,7 +216,7 @@ class ContactTerm:
             zip(self.contacts, self.poses, self._faces, strict=True)
         ):
             if faces is not None:
-                positions = contact.vertex_positions(displacement)
+                positions = contact.sampling.positions(displacement)
                 moves, again = faces.move_round(positions, pose, pressed[number].push > 0.0)
                 self.multipliers[number] = np.where(moves, 0.0, self.multipliers[number])
                 count, is_again = count + int(moves.sum()), is_again or again

@@ -28,7 +28,7 @@ from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool
+from palpate.meshes.rigid_tool import ContactRule, RigidTool
 
 # As in core/explicit/contact.hpp: the prescribed pose of a tool at a time, and the loads on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
@@ -62,7 +62,6 @@ def _require_known_to_motions(problem: Problem, law: ContactLaw | None) -> None:
                 "in motion it is a penalty, and the constraint is known at vertices only",
             ),
             (tool.friction_coefficient > 0.0, "motions know friction at vertices only"),
-            (isinstance(tool.shape, BoxShape), "the edges of a box are known to vertices only"),
         ):
             if is_so:
                 raise FacetContactError(number, what)
@@ -109,7 +108,7 @@ class ExplicitTools:
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
-        FacetContactError: Contact over facets with the constraint, with friction or with a box.
+        FacetContactError: Contact over facets with the constraint or with friction.
     """
 
     def __init__(
@@ -185,9 +184,11 @@ class ExplicitTools:
             drive = tool.drive
             direction = (0.0, 0.0, 0.0) if drive is None else drive.direction
             tool_mass = 0.0 if drive is None else drive.mass
+            reach = deepest if np.isfinite(deepest) else 0.0
             if k is not None and _is_over_facets(tool):
                 run.add_tool_over_facets(
                     contact.shape,
+                    reach=reach,
                     deepest=deepest,
                     direction=direction,
                     mass=tool_mass,
@@ -200,7 +201,7 @@ class ExplicitTools:
                 contact.shape,
                 is_constraint=k is None,
                 friction=tool.friction_coefficient,
-                reach=deepest if np.isfinite(deepest) else 0.0,
+                reach=reach,
                 deepest=deepest,
                 direction=direction,
                 mass=tool_mass,

@@ -122,7 +122,8 @@ def solve_contact(
         InputError: A tool driven by a force beside others, with friction, or from too near; or
             friction with a penalty.
         UnsupportedBodyError: The body can float.
-        FacetContactError: Contact over facets with a box, whose edges are known to vertices only.
+        FacetContactError: The constraint over facets with a box, across whose edges gaps are not
+            averaged.
         ToolInsideError: A tool is in the body at the first knot.
         ContactLostError: No (stable) equilibrium beyond a time; carries the results before it.
     """
@@ -398,10 +399,12 @@ def _require_known_to_statics(problem: Problem, form: ContactForm) -> None:
         raise InputError("no tool: use palpate.fastsim.statics.solve_static")
     require_drive_of_statics(problem.tools)
     for number, tool in enumerate(problem.tools, start=1):
-        if isinstance(tool.shape, BoxShape) and tool.contact is ContactRule.FACETS:
+        is_box = isinstance(tool.shape, BoxShape) and tool.contact is ContactRule.FACETS
+        if is_box and form is ContactForm.CONSTRAINT:
             # Beyond an edge the distance is one to the side, whose average over a facet that the
             # edge crosses is no gap.
-            raise FacetContactError(number - 1, "the edges of a box are known to vertices only")
+            what = "with a box it is a penalty, since gaps are not averaged across its edges"
+            raise FacetContactError(number - 1, what)
         if tool.friction_coefficient > 0.0 and form is ContactForm.PENALTY:
             raise InputError(
                 f"tool {number} has friction: statics know it with the constraint, not a penalty"

@@ -175,15 +175,15 @@ void bind_explicit_run(nb::module_ &module) {
             nb::arg("stiffnesses").noconvert())
         .def(
             "add_tool_over_facets",
-            [](Run &run, const ToolShape &shape, double deepest, const Point &direction,
-               double mass, GivenPoints points, GivenFacets facets,
+            [](Run &run, const ToolShape &shape, double reach, double deepest,
+               const Point &direction, double mass, GivenPoints points, GivenFacets facets,
                GivenColumn<double> stiffnesses) {
-                run.add_tool_over_facets({shape, false, 0.0, 0.0, deepest, direction, mass},
+                run.add_tool_over_facets({shape, false, 0.0, reach, deepest, direction, mass},
                                          as_span(points), as_span(facets), as_span(stiffnesses));
             },
-            nb::arg("shape"), nb::kw_only(), nb::arg("deepest"), nb::arg("direction"),
-            nb::arg("mass"), nb::arg("points").noconvert(), nb::arg("facets").noconvert(),
-            nb::arg("stiffnesses").noconvert())
+            nb::arg("shape"), nb::kw_only(), nb::arg("reach"), nb::arg("deepest"),
+            nb::arg("direction"), nb::arg("mass"), nb::arg("points").noconvert(),
+            nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert())
         .def(
             "set_self_contact",
             [](Run &run, GivenPoints points, GivenCells cells, GivenColumn<Index> vertices,

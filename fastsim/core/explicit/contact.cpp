@@ -30,7 +30,7 @@ void RigidTools<Real>::add_over_facets(const TouchSettings &settings, const Poin
                                        std::span<const double> stiffnesses) {
     add(settings, records, points, {}, {});
     for (std::size_t f = 0; f < stiffnesses.size(); ++f) {
-        TouchFacet facet{{}, {}, stiffnesses[f]};
+        TouchFacet facet{{}, {}, stiffnesses[f], {}};
         for (std::size_t k = 0; k < 3; ++k) {
             const double *place = &points[3 * static_cast<std::size_t>(facets[3 * f + k])];
             facet.entries[k] = records.first_entry(facets[3 * f + k]);
@@ -63,6 +63,8 @@ template <typename Real> void RigidTools<Real>::reset() {
         tool.impulse = {};
         for (TouchVertex &vertex : tool.vertices)
             vertex.way = {};
+        for (TouchFacet &facet : tool.facets)
+            facet.ways = {};
     }
 }
 

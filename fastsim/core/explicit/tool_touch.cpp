@@ -179,17 +179,22 @@ bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner) {
 
 /// Adds the forces over the area on the corners, in the tool's frame; returns the smallest gap.
 double add_facet_forces(const ToolShape &shape, const std::array<Point, 3> &corner,
-                        double stiffness, std::array<Point, 3> &force) {
+                        TouchFacet &facet, std::array<Point, 3> &force) {
     double smallest = std::numeric_limits<double>::infinity();
-    for (const Point &part : facet_points) {
+    const auto *const sharp = std::get_if<SharpBox>(&shape);
+    for (std::size_t q = 0; q < facet_points.size(); ++q) {
+        const Point &part = facet_points[q];
         Point place{};
         for (std::size_t k = 0; k < 3; ++k)
             place = along(place, corner[k], part[k]);
-        const Gap gap = gap_of(shape, place);
+        const Gap gap = gap_on_way(shape, place, facet.ways[q]);
+        if (sharp != nullptr)
+            facet.ways[q] = way_from(*sharp, place, facet.ways[q]);
         smallest = std::min(smallest, gap.distance);
         if (gap.distance < 0.0)
             for (std::size_t k = 0; k < 3; ++k)
-                force[k] = along(force[k], gap.normal, -gap.distance * stiffness / 12.0 * part[k]);
+                force[k] =
+                    along(force[k], gap.normal, -gap.distance * facet.stiffness / 12.0 * part[k]);
     }
     return smallest;
 }
@@ -197,12 +202,14 @@ double add_facet_forces(const ToolShape &shape, const std::array<Point, 3> &corn
 } // namespace
 
 template <typename Real>
-Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> facets,
-                      const Pose &now, Motion<Real> &motion, Push<Real> &push) {
+Reaction touch_facets(const TouchSettings &tool, std::span<TouchFacet> facets, const Pose &now,
+                      Motion<Real> &motion, Push<Real> &push) {
     Reaction reaction{};
     Real fastest(0);
-    const Box box = posed_box(box_of(tool.shape), now, tool.reach);
-    for (const TouchFacet &facet : facets) {
+    // Beside a box they are seen before they come in.
+    const bool is_sharp = std::holds_alternative<SharpBox>(tool.shape);
+    const Box box = posed_box(box_of(tool.shape), now, is_sharp ? tool.reach : 0.0);
+    for (TouchFacet &facet : facets) {
         std::array<Point, 3> corner{}, force{};
         Point low = box.high, high = box.low;
         for (std::size_t k = 0; k < 3; ++k)
@@ -220,9 +227,9 @@ Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> fac
             continue;
         const std::array<Point, 3> own{now.to_tool(corner[0]), now.to_tool(corner[1]),
                                        now.to_tool(corner[2])};
-        if (is_clear(tool.shape, own))
+        if (!is_sharp && is_clear(tool.shape, own))
             continue;
-        const double gap = add_facet_forces(tool.shape, own, facet.stiffness, force);
+        const double gap = add_facet_forces(tool.shape, own, facet, force);
         reaction.gap = std::min(reaction.gap, gap);
         if (!(gap < 0.0))
             continue;
@@ -245,9 +252,9 @@ Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> fac
     return reaction;
 }
 
-template Reaction touch_facets(const TouchSettings &, std::span<const TouchFacet>, const Pose &,
+template Reaction touch_facets(const TouchSettings &, std::span<TouchFacet>, const Pose &,
                                Motion<float> &, Push<float> &);
-template Reaction touch_facets(const TouchSettings &, std::span<const TouchFacet>, const Pose &,
+template Reaction touch_facets(const TouchSettings &, std::span<TouchFacet>, const Pose &,
                                Motion<double> &, Push<double> &);
 template Reaction touch(const TouchSettings &, std::span<TouchVertex>, const Pose &, const Pose &,
                         Motion<float> &, Push<float> &, std::size_t);

@@ -45,7 +45,8 @@ struct TouchVertex {
 struct TouchFacet {
     std::array<std::size_t, 3> entries; // of its corners' records
     std::array<Point, 3> rest;
-    double stiffness; // k A of the whole facet [N/m]
+    double stiffness;             // k A of the whole facet [N/m]
+    std::array<WayIn, 12> ways{}; // of its points, beside a box
 };
 
 /// On the tool, about its origin; `gap` is the smallest met (with the constraint, where vertices
@@ -66,7 +67,7 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
 /// The same for the penalty over facets, from one thread; the records of their corners are added to
 /// those that may be pushed.
 template <typename Real>
-Reaction touch_facets(const TouchSettings &tool, std::span<const TouchFacet> facets,
-                      const Pose &now, Motion<Real> &motion, Push<Real> &push);
+Reaction touch_facets(const TouchSettings &tool, std::span<TouchFacet> facets, const Pose &now,
+                      Motion<Real> &motion, Push<Real> &push);
 
 } // namespace fastsim

@@ -424,6 +424,20 @@ def test_what_knows_vertices_only_says_so(slab: TetMesh) -> None:
     assert caught.value.tool == 0
     assert 'contact = "vertices"' in str(caught.value)
     box = replace(tool, shape=BoxShape((0.2, 0.2, 0.2)), path=down((0.5, 0.5, 0.7), 0.0, 0.02))
-    with pytest.raises(FacetContactError, match="edges of a box"):
+    with pytest.raises(FacetContactError, match="across its edges"):
         solve_contact(standing(slab, box))
     assert len(solve_contact(with_rule(standing(slab, box), ContactRule.VERTICES)).times) == 2
+
+
+def test_a_wide_box_presses_like_a_plane(slab: TetMesh) -> None:
+    law = ContactLaw(ContactForm.PENALTY, 3e5)
+    wide = replace(tool_of(BALL, 0.0), shape=BoxShape((2.0, 2.0, 0.3)))
+    found = [
+        solve_contact(standing(slab, tool), law=law).forces[-1, 0]
+        for tool in (
+            replace(wide, path=down((0.5, 0.5, 0.8), 0.0, 0.03)),
+            replace(wide, shape=PlaneShape(), path=down((0.5, 0.5, 0.5), 0.0, 0.03)),
+        )
+    ]
+    assert found[0][2] > 100.0
+    assert np.abs(found[0] - found[1]).max() < 1e-9 * found[0][2]
