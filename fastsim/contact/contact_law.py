@@ -247,8 +247,8 @@ def require_larger_than_gaps(problem: Problem, contact: ToolContact, number: int
     """Refuse a tool that fits between the corners of a facet in its way.
 
     Its way is the box around its positions at the knots, widened by its own size; a tool that is
-    driven by a force may go anywhere. Over facets, too: a ball that is smaller dents the middle of
-    a facet by more than a twelfth of that circle before the average of the gap is zero.
+    driven by a force may go anywhere. Averages over facets are no better: a ball of that size dents
+    the middle of an equilateral facet by 0.32 radii before one is zero, one of 0.7 goes through.
 
     Raises:
         ToolTooSmallError: Its half thickness is below the radius of such a facet's circle.

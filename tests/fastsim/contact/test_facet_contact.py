@@ -13,6 +13,7 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.condensed import solve_condensed
 from palpate.fastsim.contact import static_contact
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
+from palpate.fastsim.contact.contact_sampling import ContactSampling
 from palpate.fastsim.contact.contact_term import ContactTerm
 from palpate.fastsim.contact.errors import FacetContactError
 from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
@@ -427,6 +428,30 @@ def test_what_knows_vertices_only_says_so(slab: TetMesh) -> None:
     with pytest.raises(FacetContactError, match="across its edges"):
         solve_contact(standing(slab, box))
     assert len(solve_contact(with_rule(standing(slab, box), ContactRule.VERTICES)).times) == 2
+
+
+def test_averages_over_facets_do_not_see_a_tool_that_vertices_do_not() -> None:
+    """Above the middle of an equilateral facet with a circle of radius 1 through its corners."""
+    side, count = 3.0**0.5, 5
+    i, j = (x.ravel() for x in np.mgrid[: count + 1, : count + 1])
+    points = side * np.column_stack([i + 0.5 * j, 0.75**0.5 * j, np.zeros(len(i))])
+    k = np.flatnonzero((i < count) & (j < count))
+    right, up = k + count + 1, k + 1
+    facets = np.vstack([np.c_[k, right, up], np.c_[right, right + 1, up]]).astype(np.int32)
+    areas = np.bincount(facets.ravel()) * 0.25 * side
+    sampling = ContactSampling(
+        ContactRule.FACETS, points, facets, np.arange(len(points)), areas, is_integrated=False
+    )
+    middle = points[facets[2 * count + 2]].mean(axis=0)
+    x = sampling.positions(np.zeros_like(points))
+
+    def is_seen(radius: float, depth: float) -> bool:
+        away = np.linalg.norm(x - middle - [0.0, 0.0, radius - depth], axis=1)
+        return bool(sampling.averaged(away - radius).min() < 0.0)
+
+    assert is_seen(1.0, 0.33)
+    assert not is_seen(1.0, 0.32)
+    assert not is_seen(0.7, 0.7)
 
 
 def test_a_wide_box_presses_like_a_plane(slab: TetMesh) -> None:
