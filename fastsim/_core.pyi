@@ -70,7 +70,9 @@ class Compliance:
 
 class CondensedTool:
     def __init__(
-        self, shape: ToolShape, stiffness: float, vertices: Ints, areas: Floats
+        self, shape: ToolShape, stiffness: float, *, areas: Floats, centres: Ints, spread: float,
+        num_corners: int, corners: Ints, rest: Floats, constraints: Ints, shares: Floats,
+        shape_functions: Floats
     ) -> None: ...
 
 class ContactOutcome:

@@ -26,7 +26,7 @@ from palpate.fastsim.contact.contact_law import (
     require_outside,
 )
 from palpate.fastsim.contact.errors import ContactLostError
-from palpate.fastsim.contact.tool_contact import ToolContact, require_vertices
+from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.forces import external_force
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import PointForce, Pressure, Traction
@@ -144,7 +144,6 @@ def require_posable(problem: Problem, strain: Strain) -> None:
         raise NotCondensableError(
             "the condensed model has no inertia, and this problem is a motion; take statics"
         )
-    require_vertices(problem.tools, "the condensed model knows it at vertices only")
     for number, tool in enumerate(problem.tools, start=1):
         require_known_tool(tool, number)
 

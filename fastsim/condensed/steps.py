@@ -18,15 +18,17 @@ from palpate.fastsim.contact.contact_law import (
     mean_edge,
     read_pose,
 )
-from palpate.fastsim.contact.static_contact import STIFFNESS_IN_LAYERS
-from palpate.fastsim.contact.tool_contact import ToolContact, require_vertices
+from palpate.fastsim.contact.static_contact import layers_of_penalty
+from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.live_body import BodySpring, BodyTool
 from palpate.fastsim.springs import PatchSprings
+from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, rotation_matrix
 
-# Vertices nearer than this fraction of an edge are checked from the start of a step.
+# What is nearer than this fraction of an edge is checked from the start of a step.
 _REACH = 0.1
 
 
@@ -37,7 +39,7 @@ class StepState(NamedTuple):
         displacement: Displacement of the model's seen points [m], shape (num_seen, 3).
         forces: On each tool [N], shape (num_tools, 3).
         moments: On each tool about its origin [N m], shape (num_tools, 3).
-        touching: Vertices that tools push.
+        touching: Vertices that tools push; of a penalty over facets, points.
         iterations: Newton iterations.
     """
 
@@ -189,27 +191,68 @@ class CondensedSteps:
         model, problem = self.model, self.model.problem
         row_of = np.full(problem.mesh.num_points, -1, dtype=np.int32)
         row_of[model.touched] = np.arange(len(model.touched))
+        is_penalty = self._law.form is ContactForm.PENALTY
         shapes, stiffnesses, reach = [], [], 0.0
-        require_vertices(self.tools, "the condensed model knows it at vertices only")
         for number, tool in enumerate(self.tools, start=1):
             require_known_tool(tool, number)
-            contact = ToolContact(problem, tool)
-            vertices: NDArray[np.int32] = row_of[contact.vertices]
-            if (vertices < 0).any():
-                bad = int(contact.vertices[vertices < 0][0])
+            contact = ToolContact(problem, tool, is_penalty=is_penalty)
+            unknown = contact.vertices[row_of[contact.vertices] < 0]
+            if len(unknown):
                 raise NotCondensableError(
-                    f"tool {number} may touch point {bad}, of which the model knows no compliance; "
-                    "name it among `touched`, or give the tool contact_facets"
+                    f"tool {number} may touch point {unknown[0]}, of which the model knows no "
+                    "compliance; name it among `touched`, or give the tool contact_facets"
                 )
-            layers = STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
+            _require_resting_corners(problem, contact, number)
+            layers = layers_of_penalty(tool) * layer_stiffness(problem, contact.facets)
             stiffness = self._law.stiffness or layers
             reach = max(reach, _REACH * mean_edge(problem, contact.facets))
             stiffnesses.append(stiffness)
-            shapes.append(_core.CondensedTool(contact.shape, stiffness, vertices, contact.areas))
-        is_penalty = self._law.form is ContactForm.PENALTY
+            shapes.append(_core_tool(contact, stiffness, row_of))
         rest = np.array(problem.mesh.points[model.touched])
         core = _core.CondensedContact(model.compliance, rest, shapes, is_penalty, reach)
         return core, tuple(stiffnesses)
+
+
+def _require_resting_corners(problem: Problem, contact: ToolContact, number: int) -> None:
+    """Refuse facets of which a corner, that is no touched point, is moved by a support."""
+    corners = np.unique(contact.sampling.patches)
+    fixed = corners[~np.isin(corners, contact.vertices)]
+    moved = FixedPoints(problem).at(1.0)[fixed]
+    if moved.any():
+        raise NotCondensableError(
+            f"tool {number} may touch facets with point {fixed[moved.any(axis=1)][0]}, which a "
+            "support moves; give the tool contact_facets without it, or solve by statics"
+        )
+
+
+def _core_tool(
+    contact: ToolContact, stiffness: float, row_of: NDArray[np.int32]
+) -> _core.CondensedTool:
+    sampling = contact.sampling
+    rest = np.ascontiguousarray(sampling.rest_corners)
+    edges = rest - np.roll(rest, 1, axis=1)
+    # A facet under a tool is stretched, by far less than to twice its size.
+    spread = 2.0 * float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+    corners = row_of[sampling.patches]
+    constraints = sampling.constraints
+    centres = np.zeros(len(sampling.areas), dtype=np.int32)
+    if constraints.shape == corners.shape:
+        centres[constraints[constraints >= 0]] = corners[constraints >= 0]
+    else:
+        centres[constraints] = corners.max(axis=1)[:, None]
+    return _core.CondensedTool(
+        contact.shape,
+        stiffness,
+        areas=np.ascontiguousarray(sampling.areas),
+        centres=centres,
+        spread=spread,
+        num_corners=corners.shape[1],
+        corners=np.ascontiguousarray(corners.reshape(-1)),
+        rest=rest.reshape(-1, 3),
+        constraints=np.ascontiguousarray(constraints.reshape(-1)),
+        shares=np.ascontiguousarray(sampling.shares.reshape(-1)),
+        shape_functions=np.ascontiguousarray(sampling.shape_functions.reshape(-1)),
+    )
 
 
 class CondensedBodyTool(BodyTool):
@@ -240,7 +283,7 @@ class CondensedBody:
         tools: In the problem's order.
         springs: In the problem's order.
         points: Numbers of the seen points in the mesh, shape (num_seen,).
-        touching: Vertices that tools push.
+        touching: Vertices that tools push; of a penalty over facets, points.
         facets: Boundary facets all of whose points are seen, counted among `points`, shape (m, 3).
 
     Raises:

@@ -95,6 +95,28 @@ class ContactSampling:
                 np.eye(len(self._shape)), (len(patches), *self._shape.shape[:1] * 2)
             )
 
+    @property
+    def rest_corners(self) -> Points:
+        """Corners of the patches at rest [m], shape (m, 1, 3) or (m, 3, 3)."""
+        corners: Points = self._rest[self.patches]
+        return corners
+
+    @property
+    def constraints(self) -> Indices:
+        """Numbers of the constraints of each patch, shape (m, own); -1 for none."""
+        number = np.where(self._number < len(self.areas), self._number, -1)
+        return number.astype(np.int32)
+
+    @property
+    def shares(self) -> Floats:
+        """s_qi of each patch, point and constraint, shape (m, points, own)."""
+        return self._share
+
+    @property
+    def shape_functions(self) -> Floats:
+        """Shape functions of the corners at the points of a patch, shape (points, 1) or (., 3)."""
+        return self._shape
+
     def positions(self, displacement: Points) -> Points:
         """The points as displaced [m], shape (number of points, 3)."""
         corners = self._rest[self.patches] + displacement[self.patches]

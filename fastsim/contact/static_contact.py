@@ -133,7 +133,7 @@ def solve_contact(
     is_penalty = law.form is ContactForm.PENALTY
     contacts = [ToolContact(problem, tool, is_penalty=is_penalty) for tool in problem.tools]
     stiffnesses = [
-        law.stiffness or _layers(contact.tool) * layer_stiffness(problem, contact.facets)
+        law.stiffness or layers_of_penalty(contact.tool) * layer_stiffness(problem, contact.facets)
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):
@@ -384,7 +384,8 @@ class _Path:
         self.rows.append((self.time, u.copy(), on_tools, areas, depths, smallest))
 
 
-def _layers(tool: RigidTool) -> float:
+def layers_of_penalty(tool: RigidTool) -> float:
+    """The default penalty over the stiffness of a layer of cells."""
     is_over_facets = tool.contact is ContactRule.FACETS
     return _LAYERS_OVER_FACETS if is_over_facets else STIFFNESS_IN_LAYERS
 

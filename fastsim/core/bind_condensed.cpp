@@ -20,6 +20,10 @@ Compliance of(const GivenTable<Real, 9> &blocks, std::size_t num_touched,
     return {std::span<const Real>(blocks.data(), blocks.size()), num_only_seen, num_touched};
 }
 
+template <typename Number> std::vector<Number> in_vector(const GivenColumn<Number> &column) {
+    return {column.data(), column.data() + column.size()};
+}
+
 template <typename Real> void def_init(nb::class_<Compliance> &type) {
     type.def(
         "__init__",
@@ -55,14 +59,32 @@ void bind_condensed(nb::module_ &module) {
         .def(
             "__init__",
             [](CondensedTool *self, const ToolShape &shape, double stiffness,
-               GivenColumn<std::int32_t> vertices, GivenColumn<double> areas) {
+               GivenColumn<double> areas, GivenColumn<std::int32_t> centres, double spread,
+               std::size_t num_corners, GivenColumn<std::int32_t> corners, GivenPoints rest,
+               GivenColumn<std::int32_t> constraints, GivenColumn<double> shares,
+               GivenColumn<double> shape_functions) {
+                const auto rows = as_rows<Point>(rest);
+                const auto num_points = shape_functions.size() / num_corners;
+                const auto num_patches = corners.size() / num_corners;
                 new (self) CondensedTool{shape,
                                          stiffness,
-                                         {vertices.data(), vertices.data() + vertices.size()},
-                                         {areas.data(), areas.data() + areas.size()}};
+                                         in_vector(areas),
+                                         in_vector(centres),
+                                         spread,
+                                         num_corners,
+                                         num_points,
+                                         num_patches == 0 ? 0 : constraints.size() / num_patches,
+                                         in_vector(corners),
+                                         {rows.begin(), rows.end()},
+                                         in_vector(constraints),
+                                         in_vector(shares),
+                                         in_vector(shape_functions)};
             },
-            nb::arg("shape"), nb::arg("stiffness"), nb::arg("vertices").noconvert(),
-            nb::arg("areas").noconvert());
+            nb::arg("shape"), nb::arg("stiffness"), nb::kw_only(), nb::arg("areas").noconvert(),
+            nb::arg("centres").noconvert(), nb::arg("spread"), nb::arg("num_corners"),
+            nb::arg("corners").noconvert(), nb::arg("rest").noconvert(),
+            nb::arg("constraints").noconvert(), nb::arg("shares").noconvert(),
+            nb::arg("shape_functions").noconvert());
 
     nb::class_<ContactOutcome>(module, "ContactOutcome")
         .def_ro("is_settled", &ContactOutcome::is_settled)

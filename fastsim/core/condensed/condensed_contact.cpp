@@ -81,7 +81,12 @@ CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> pla
       _local(compliance.num_touched(), -1) {
     for (const CondensedTool &tool : _tools) {
         _boxes.push_back(box_of(tool.shape));
-        _pushes.emplace_back(tool.vertices.size(), 0.0);
+        _pushes.emplace_back(tool.areas.size(), 0.0);
+        auto &patches = _patches_of.emplace_back(tool.areas.size());
+        for (std::size_t at = 0; at < tool.constraints.size(); ++at)
+            if (tool.constraints[at] >= 0)
+                patches[static_cast<std::size_t>(tool.constraints[at])].push_back(
+                    static_cast<std::int32_t>(at / tool.num_own));
     }
 }
 
@@ -100,6 +105,64 @@ Point CondensedContact::place_of(std::size_t touched, std::span<const Point> bas
     return along(along(_places[touched], base[seen], 1.0), _response[seen], 1.0);
 }
 
+/// Where the corners of a patch are by the last response.
+std::array<Point, 3> CondensedContact::corners_of(std::size_t tool, std::size_t patch,
+                                                  std::span<const Point> base) const {
+    const CondensedTool &of = _tools[tool];
+    std::array<Point, 3> corners{};
+    for (std::size_t k = 0; k < of.num_corners; ++k) {
+        const std::size_t at = patch * of.num_corners + k;
+        corners[k] = of.corners[at] < 0 ? of.rest[at]
+                                        : place_of(static_cast<std::size_t>(of.corners[at]), base);
+    }
+    return corners;
+}
+
+Point CondensedContact::place_in(const Patch &patch, std::size_t point,
+                                 const std::array<Point, 3> &corners) const {
+    const CondensedTool &tool = _tools[patch.tool];
+    Point place{};
+    for (std::size_t k = 0; k < tool.num_corners; ++k)
+        place = along(place, corners[k], tool.shape_functions[point * tool.num_corners + k]);
+    return place;
+}
+
+double CondensedContact::share_of(const Patch &patch, std::size_t point, std::size_t own) const {
+    const CondensedTool &tool = _tools[patch.tool];
+    return tool.shares[(patch.number * tool.num_points + point) * tool.num_own + own];
+}
+
+/// The force on a point of a patch, along the normal there.
+double CondensedContact::push_at(const Patch &patch, std::size_t point, double Entry::*push) const {
+    double sum = 0.0;
+    for (std::size_t c = 0; c < patch.entries.size(); ++c)
+        if (patch.entries[c] >= 0)
+            sum += share_of(patch, point, c) *
+                   (_entries[static_cast<std::size_t>(patch.entries[c])].*push);
+    return sum;
+}
+
+double CondensedContact::gap_of_constraint(std::size_t tool, std::size_t constraint,
+                                           std::span<const Pose> poses,
+                                           std::span<const Point> base) const {
+    const CondensedTool &of = _tools[tool];
+    double gap = 0.0;
+    for (const std::int32_t number : _patches_of[tool][constraint]) {
+        const Patch patch{tool, static_cast<std::size_t>(number), {}, {}, {}, {}};
+        const std::array<Point, 3> corners = corners_of(tool, patch.number, base);
+        for (std::size_t c = 0; c < of.num_own; ++c) {
+            if (of.constraints[patch.number * of.num_own + c] !=
+                static_cast<std::int32_t>(constraint))
+                continue;
+            for (std::size_t q = 0; q < of.num_points; ++q)
+                if (const double share = share_of(patch, q, c); share != 0.0)
+                    gap +=
+                        share * gap_at(of.shape, poses[tool], place_in(patch, q, corners)).distance;
+        }
+    }
+    return gap;
+}
+
 /// Adds what is pushed or nearer than the margin, as displaced by the last pushes, and says whether
 /// there was any that was not looked at yet.
 bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Point> base,
@@ -107,34 +170,85 @@ bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Poi
     const std::size_t before = _entries.size();
     for (std::size_t t = 0; t < _tools.size(); ++t) {
         const CondensedTool &tool = _tools[t];
-        const Box box = posed_box(_boxes[t], poses[t], margin);
-        for (std::size_t v = 0; v < tool.vertices.size(); ++v) {
-            const auto touched = static_cast<std::size_t>(tool.vertices[v]);
-            const double push = _pushes[t][v];
+        const Box box = posed_box(_boxes[t], poses[t], margin + tool.spread);
+        for (std::size_t i = 0; i < tool.areas.size(); ++i) {
+            const double push = _pushes[t][i];
             if (push <= 0.0) {
                 // Most are far away along the first axis already.
-                const std::size_t seen = _compliance.num_only_seen() + touched;
-                const double x = _places[touched][0] + base[seen][0] + _response[seen][0];
+                const auto centre = static_cast<std::size_t>(tool.centres[i]);
+                const std::size_t seen = _compliance.num_only_seen() + centre;
+                const double x = _places[centre][0] + base[seen][0] + _response[seen][0];
                 if (x < box.low[0] || x > box.high[0])
                     continue;
-                const Point place = place_of(touched, base);
-                if (!is_in(box, place) || gap_at(tool.shape, poses[t], place).distance >= margin)
+                if (!is_in(box, place_of(centre, base)) ||
+                    gap_of_constraint(t, i, poses, base) >= margin)
                     continue;
             }
-            const auto is_it = [&](const Entry &e) { return e.tool == t && e.vertex == v; };
+            const auto is_it = [&](const Entry &e) { return e.tool == t && e.constraint == i; };
             if (std::any_of(_entries.begin(),
                             _entries.begin() + static_cast<std::ptrdiff_t>(before), is_it))
                 continue;
-            if (_local[touched] < 0) {
-                _local[touched] = static_cast<std::int32_t>(_points.size());
-                _points.push_back(tool.vertices[v]);
-            }
-            const double give = _is_penalty ? 1.0 / (tool.stiffness * tool.areas[v]) : 0.0;
-            const auto local = static_cast<std::size_t>(_local[touched]);
-            _entries.push_back({t, v, local, give, push, push, Gap{0.0, {}}});
+            const double give = _is_penalty ? 1.0 / (tool.stiffness * tool.areas[i]) : 0.0;
+            _entries.push_back({t, i, give, push, push});
         }
     }
-    return _entries.size() > before;
+    if (_entries.size() == before)
+        return false;
+    gather_patches();
+    return true;
+}
+
+/// The patches of all entries, their corners, and of each entry the points that its gap depends on.
+void CondensedContact::gather_patches() {
+    _patches.clear();
+    for (std::size_t e = 0; e < _entries.size(); ++e) {
+        Entry &entry = _entries[e];
+        entry.points.clear();
+        const CondensedTool &tool = _tools[entry.tool];
+        for (const std::int32_t number : _patches_of[entry.tool][entry.constraint]) {
+            const auto is_it = [&](const Patch &p) {
+                return p.tool == entry.tool && p.number == static_cast<std::size_t>(number);
+            };
+            auto patch = std::ranges::find_if(_patches, is_it);
+            if (patch == _patches.end()) {
+                _patches.push_back({entry.tool,
+                                    static_cast<std::size_t>(number),
+                                    {-1, -1, -1},
+                                    std::vector<std::int32_t>(tool.num_own, -1),
+                                    std::vector<std::int32_t>(tool.num_own * tool.num_corners, -1),
+                                    std::vector<Gap>(tool.num_points, Gap{0.0, {}})});
+                patch = _patches.end() - 1;
+                for (std::size_t k = 0; k < tool.num_corners; ++k) {
+                    const std::int32_t touched = tool.corners[patch->number * tool.num_corners + k];
+                    if (touched < 0)
+                        continue;
+                    std::int32_t &local = _local[static_cast<std::size_t>(touched)];
+                    if (local < 0) {
+                        local = static_cast<std::int32_t>(_points.size());
+                        _points.push_back(touched);
+                    }
+                    patch->corners[k] = local;
+                }
+            }
+            for (std::size_t c = 0; c < tool.num_own; ++c) {
+                if (tool.constraints[patch->number * tool.num_own + c] !=
+                    static_cast<std::int32_t>(entry.constraint))
+                    continue;
+                patch->entries[c] = static_cast<std::int32_t>(e);
+                for (std::size_t k = 0; k < tool.num_corners; ++k) {
+                    if (patch->corners[k] < 0)
+                        continue;
+                    const auto point = static_cast<std::size_t>(patch->corners[k]);
+                    const auto at = std::ranges::find(entry.points, point);
+                    patch->slots[c * tool.num_corners + k] =
+                        static_cast<std::int32_t>(at - entry.points.begin());
+                    if (at == entry.points.end())
+                        entry.points.push_back(point);
+                }
+            }
+        }
+        entry.gradient.resize(entry.points.size());
+    }
 }
 
 void CondensedContact::gather_parts() {
@@ -186,6 +300,7 @@ ContactOutcome CondensedContact::step(std::span<const Pose> poses, std::span<con
 ContactOutcome CondensedContact::go_to(std::span<const Pose> poses, std::span<const Point> base,
                                        double relative_tolerance, int max_iterations) {
     _entries.clear();
+    _patches.clear();
     _points.clear();
     std::ranges::fill(_local, -1);
     ContactOutcome outcome;
@@ -221,16 +336,11 @@ ContactOutcome CondensedContact::settle(std::span<const Pose> poses, std::span<c
     std::vector<Point> residual(n);
     ContactOutcome outcome;
     for (; outcome.iterations < max_iterations; ++outcome.iterations) {
-        std::ranges::fill(_pushed, Point{});
-        double size = 0.0, error = 0.0, place_size = 0.0;
-        for (Entry &entry : _entries) {
-            const Point place = along(_places[touched(entry.local)], _moved[entry.local], 1.0);
-            entry.gap = gap_at(_tools[entry.tool].shape, poses[entry.tool], place);
-            const double wrong = entry.gap.distance + entry.give * entry.push;
+        const double place_size = measure(poses);
+        double size = 0.0, error = 0.0;
+        for (const Entry &entry : _entries) {
+            const double wrong = entry.gap + entry.give * entry.push;
             error = std::max(error, entry.push > 0.0 ? std::abs(wrong) : -wrong);
-            place_size = std::max(place_size, largest(place));
-            if (entry.push > 0.0)
-                _pushed[entry.local] = along(_pushed[entry.local], entry.gap.normal, entry.push);
         }
         for (std::size_t p = 0; p < n; ++p) {
             Point sum = base[first + touched(p)];
@@ -259,30 +369,106 @@ ContactOutcome CondensedContact::settle(std::span<const Pose> poses, std::span<c
     return outcome;
 }
 
-/// Which points' normals turn under their pushes, and how: D = p kappa (I - n n^T - axis axis^T).
+/// Gaps, their gradients, and the forces of the pushes where the points are; the largest coordinate
+/// of a place.
+double CondensedContact::measure(std::span<const Pose> poses) {
+    std::ranges::fill(_pushed, Point{});
+    for (Entry &entry : _entries) {
+        entry.gap = 0.0;
+        std::ranges::fill(entry.gradient, Point{});
+    }
+    double place_size = 0.0;
+    for (Patch &patch : _patches) {
+        const CondensedTool &tool = _tools[patch.tool];
+        std::array<Point, 3> corners{};
+        for (std::size_t k = 0; k < tool.num_corners; ++k) {
+            corners[k] = tool.rest[patch.number * tool.num_corners + k];
+            if (patch.corners[k] >= 0)
+                corners[k] =
+                    along(corners[k], _moved[static_cast<std::size_t>(patch.corners[k])], 1.0);
+            place_size = std::max(place_size, largest(corners[k]));
+        }
+        for (std::size_t q = 0; q < tool.num_points; ++q) {
+            const Gap gap = gap_at(tool.shape, poses[patch.tool], place_in(patch, q, corners));
+            patch.gaps[q] = gap;
+            const double *parts = &tool.shape_functions[q * tool.num_corners];
+            double push = 0.0;
+            for (std::size_t c = 0; c < tool.num_own; ++c) {
+                const double share = share_of(patch, q, c);
+                if (patch.entries[c] < 0 || share == 0.0)
+                    continue;
+                Entry &entry = _entries[static_cast<std::size_t>(patch.entries[c])];
+                entry.gap += share * gap.distance;
+                push += share * entry.push;
+                for (std::size_t k = 0; k < tool.num_corners; ++k)
+                    if (const std::int32_t slot = patch.slots[c * tool.num_corners + k];
+                        slot >= 0) {
+                        Point &gradient = entry.gradient[static_cast<std::size_t>(slot)];
+                        gradient = along(gradient, gap.normal, share * parts[k]);
+                    }
+            }
+            for (std::size_t k = 0; push != 0.0 && k < tool.num_corners; ++k)
+                if (patch.corners[k] >= 0) {
+                    Point &force = _pushed[static_cast<std::size_t>(patch.corners[k])];
+                    force = along(force, gap.normal, push * parts[k]);
+                }
+        }
+    }
+    return place_size;
+}
+
+/// Which points feel normals turn under pushes, and how: D, the sum over the points of patches of
+/// their push times kappa (I - n n^T - axis axis^T), between the corners of each.
 void CondensedContact::turn_normals() {
     _bent.clear();
     _turning.clear();
     std::vector<std::size_t> row_of(_points.size(), _points.size());
-    for (const Entry &entry : _entries) {
-        const double bend = entry.settled * entry.gap.curvature;
-        if (bend == 0.0)
-            continue;
-        if (row_of[entry.local] == _points.size()) {
-            row_of[entry.local] = _bent.size();
-            _bent.push_back(entry.local);
-            _turning.emplace_back();
+    for (const Patch &patch : _patches) {
+        const CondensedTool &tool = _tools[patch.tool];
+        for (std::size_t q = 0; q < tool.num_points; ++q) {
+            const Gap &gap = patch.gaps[q];
+            const double bend =
+                gap.curvature == 0.0 ? 0.0 : push_at(patch, q, &Entry::settled) * gap.curvature;
+            if (bend == 0.0)
+                continue;
+            CompliancePart d{};
+            for (std::size_t a = 0; a < 3; ++a)
+                for (std::size_t b = 0; b < 3; ++b)
+                    d[3 * a + b] = bend * ((a == b ? 1.0 : 0.0) - gap.normal[a] * gap.normal[b] -
+                                           gap.axis[a] * gap.axis[b]);
+            const double *parts = &tool.shape_functions[q * tool.num_corners];
+            std::array<std::size_t, 3> rows{};
+            for (std::size_t k = 0; k < tool.num_corners; ++k) {
+                if (patch.corners[k] < 0)
+                    continue;
+                std::size_t &row = row_of[static_cast<std::size_t>(patch.corners[k])];
+                if (row == _points.size()) {
+                    row = _bent.size();
+                    _bent.push_back(static_cast<std::size_t>(patch.corners[k]));
+                    _turning.emplace_back();
+                }
+                rows[k] = row;
+            }
+            for (std::size_t k = 0; k < tool.num_corners; ++k)
+                for (std::size_t l = 0; l < tool.num_corners; ++l)
+                    if (patch.corners[k] >= 0 && patch.corners[l] >= 0)
+                        add_part(_turning[rows[l]], rows[k], parts[k] * parts[l], d);
         }
-        CompliancePart &d = _turning[row_of[entry.local]];
-        const Point &normal = entry.gap.normal, &axis = entry.gap.axis;
-        for (std::size_t a = 0; a < 3; ++a)
-            for (std::size_t b = 0; b < 3; ++b)
-                d[3 * a + b] +=
-                    bend * ((a == b ? 1.0 : 0.0) - normal[a] * normal[b] - axis[a] * axis[b]);
     }
 }
 
-/// One Newton step: du = C (N dp + D du) + r, and g + n . du + p / (k A) complementary to p.
+void CondensedContact::add_part(std::vector<Turned> &column, std::size_t row, double factor,
+                                const CompliancePart &part) {
+    auto at = std::ranges::find(column, row, &Turned::row);
+    if (at == column.end()) {
+        column.push_back({row, {}});
+        at = column.end() - 1;
+    }
+    for (std::size_t a = 0; a < 9; ++a)
+        at->part[a] += factor * part[a];
+}
+
+/// One Newton step: du = C (G dp + D du) + r, and g + grad g . du + p / (k A) complementary to p.
 bool CondensedContact::change(std::span<const Point> residual) {
     turn_normals();
     const std::size_t n = _points.size(), m = _entries.size(), width = m + 1;
@@ -291,7 +477,11 @@ bool CondensedContact::change(std::span<const Point> residual) {
     for (std::size_t p = 0; p < n; ++p) {
         double *rows = &_columns[3 * p * width];
         for (std::size_t f = 0; f < m; ++f) {
-            const Point moved = times(_parts[p * n + _entries[f].local], _entries[f].gap.normal);
+            const Entry &entry = _entries[f];
+            Point moved{};
+            for (std::size_t r = 0; r < entry.points.size(); ++r)
+                moved =
+                    along(moved, times(_parts[p * n + entry.points[r]], entry.gradient[r]), 1.0);
             for (std::size_t a = 0; a < 3; ++a)
                 rows[a * width + f] = moved[a];
         }
@@ -302,10 +492,18 @@ bool CondensedContact::change(std::span<const Point> residual) {
     const std::size_t bent = _bent.size(), size = 3 * bent;
     _matrix.resize(size * size);
     _bent_columns.resize(size * width);
+    _response_parts.assign(n * bent, {});
+    for (std::size_t p = 0; p < n; ++p)
+        for (std::size_t j = 0; j < bent; ++j)
+            for (const Turned &turned : _turning[j]) {
+                const CompliancePart cd = product(_parts[p * n + _bent[turned.row]], turned.part);
+                for (std::size_t a = 0; a < 9; ++a)
+                    _response_parts[p * bent + j][a] += cd[a];
+            }
     for (std::size_t i = 0; i < bent; ++i) {
         std::copy_n(&_columns[3 * _bent[i] * width], 3 * width, &_bent_columns[3 * i * width]);
         for (std::size_t j = 0; j < bent; ++j) {
-            const CompliancePart cd = product(_parts[_bent[i] * n + _bent[j]], _turning[j]);
+            const CompliancePart &cd = _response_parts[_bent[i] * bent + j];
             for (std::size_t a = 0; a < 3; ++a)
                 for (std::size_t b = 0; b < 3; ++b)
                     _matrix[(3 * i + a) * size + 3 * j + b] =
@@ -314,7 +512,7 @@ bool CondensedContact::change(std::span<const Point> residual) {
     }
     if (!solve_small(_matrix, _bent_columns, size, width))
         return false;
-    // Along the normals: g + n . du.
+    // Along the gradients: g + grad g . du.
     _small.resize(m * m);
     _slack.resize(m);
     _push.resize(m);
@@ -326,16 +524,18 @@ bool CondensedContact::change(std::span<const Point> residual) {
             for (std::size_t f = 0; f < width; ++f)
                 row[f] += factor * from[f];
         };
-        for (std::size_t a = 0; a < 3; ++a)
-            add(entry.gap.normal[a], &_columns[(3 * entry.local + a) * width]);
-        for (std::size_t j = 0; j < bent; ++j) {
-            const CompliancePart cd = product(_parts[entry.local * n + _bent[j]], _turning[j]);
-            for (std::size_t b = 0; b < 3; ++b)
-                add(entry.gap.normal[0] * cd[b] + entry.gap.normal[1] * cd[3 + b] +
-                        entry.gap.normal[2] * cd[6 + b],
-                    &_bent_columns[(3 * j + b) * width]);
+        for (std::size_t r = 0; r < entry.points.size(); ++r) {
+            const Point &g = entry.gradient[r];
+            for (std::size_t a = 0; a < 3; ++a)
+                add(g[a], &_columns[(3 * entry.points[r] + a) * width]);
+            for (std::size_t j = 0; j < bent; ++j) {
+                const CompliancePart &cd = _response_parts[entry.points[r] * bent + j];
+                for (std::size_t b = 0; b < 3; ++b)
+                    add(g[0] * cd[b] + g[1] * cd[3 + b] + g[2] * cd[6 + b],
+                        &_bent_columns[(3 * j + b) * width]);
+            }
         }
-        _slack[e] = entry.gap.distance + row[m];
+        _slack[e] = entry.gap + row[m];
         for (std::size_t f = 0; f < m; ++f) {
             _small[e * m + f] = row[f];
             _slack[e] -= row[f] * _entries[f].push;
@@ -358,7 +558,8 @@ bool CondensedContact::change(std::span<const Point> residual) {
         Point moved{};
         for (std::size_t a = 0; a < 3; ++a)
             moved[a] = sum(&_bent_columns[(3 * j + a) * width]);
-        turned[j] = times(_turning[j], moved);
+        for (const Turned &part : _turning[j])
+            turned[part.row] = along(turned[part.row], times(part.part, moved), 1.0);
     }
     for (std::size_t p = 0; p < n; ++p) {
         for (std::size_t a = 0; a < 3; ++a)
@@ -373,19 +574,23 @@ bool CondensedContact::change(std::span<const Point> residual) {
 void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Point> base) {
     std::ranges::fill(_forces, Point{});
     std::ranges::fill(_loads, ToolLoad{});
-    for (const Entry &entry : _entries) {
-        _pushes[entry.tool][entry.vertex] = entry.push;
-        const auto touched = static_cast<std::size_t>(_points[entry.local]);
-        _forces[touched] = along(_forces[touched], entry.gap.normal, entry.push);
-    }
+    for (const Entry &entry : _entries)
+        _pushes[entry.tool][entry.constraint] = entry.push;
+    for (std::size_t p = 0; p < _points.size(); ++p)
+        _forces[static_cast<std::size_t>(_points[p])] = _pushed[p];
     std::visit([&](auto &columns) { columns.respond(_forces, _points, _response); }, _all_columns);
-    for (const Entry &entry : _entries) {
-        const Point place = place_of(static_cast<std::size_t>(_points[entry.local]), base);
-        const Point force = along({}, entry.gap.normal, -entry.push);
-        ToolLoad &load = _loads[entry.tool];
-        load.force = along(load.force, force, 1.0);
-        load.moment =
-            along(load.moment, cross(minus(place, poses[entry.tool].position), force), 1.0);
+    for (const Patch &patch : _patches) {
+        const std::array<Point, 3> corners = corners_of(patch.tool, patch.number, base);
+        ToolLoad &load = _loads[patch.tool];
+        for (std::size_t q = 0; q < patch.gaps.size(); ++q) {
+            const double push = push_at(patch, q, &Entry::push);
+            if (push == 0.0)
+                continue;
+            const Point force = along({}, patch.gaps[q].normal, -push);
+            const Point arm = minus(place_in(patch, q, corners), poses[patch.tool].position);
+            load.force = along(load.force, force, 1.0);
+            load.moment = along(load.moment, cross(arm, force), 1.0);
+        }
     }
 }
 

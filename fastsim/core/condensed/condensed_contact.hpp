@@ -1,13 +1,14 @@
 #pragma once
 // Rigid tools against a body that is known by its compliance alone: one equilibrium a step.
 //
-// Each vertex beside a tool carries a push p along the tool's normal n, with the gap g where the
-// vertex is, so that with u = base + C sum p n
+// The surface that a tool may touch is a set of patches, single vertices or facets, with points q
+// at which gaps are taken. A constraint i has the gap g_i = sum of s_qi g(x_q), and carries a push
+// p_i along its gradient, so that with u = base + C sum p_i grad g_i
 //   penalty      p = max(0, -k A g)
 //   constraint   g >= 0, p >= 0, p g = 0
-// By Newton's method on u and p at the vertices beside tools, their normals' turning included
-// (contact_term.py has the same residual): each iteration is a linear complementarity problem
-// (Josephy 1979). All other points follow from the pushes.
+// (contact_sampling.py has the formulas). By Newton's method on u and p at the vertices beside
+// tools, their normals' turning included (contact_term.py has the same residual): each iteration is
+// a linear complementarity problem (Josephy 1979). All other points follow from the pushes.
 
 #include "condensed/complementarity.hpp"
 #include "condensed/compliance.hpp"
@@ -24,9 +25,16 @@ namespace fastsim {
 
 struct CondensedTool {
     ToolShape shape;
-    double stiffness;                   // penalty k [Pa/m]
-    std::vector<std::int32_t> vertices; // that may touch, numbers among the touched points
-    std::vector<double> areas;          // of each [m2]
+    double stiffness;                             // penalty k [Pa/m]
+    std::vector<double> areas;                    // of the constraints [m2]
+    std::vector<std::int32_t> centres;            // of each, a touched point by which it is found
+    double spread;                                // how far from it its points may be [m]
+    std::size_t num_corners, num_points, num_own; // of a patch: corners, points, constraints
+    std::vector<std::int32_t> corners;     // of the patches, touched points; -1 for one at rest
+    std::vector<Point> rest;               // of each
+    std::vector<std::int32_t> constraints; // of the patches; -1 for none
+    std::vector<double> shares;            // s_qi, patch by patch and point by point
+    std::vector<double> shape_functions;   // of the corners at the points
 };
 
 /// On the tool, about its origin.
@@ -37,7 +45,7 @@ struct ToolLoad {
 struct ContactOutcome {
     bool is_settled = false;
     int iterations = 0;       // Newton's, all rounds together
-    std::size_t touching = 0; // vertices that are pushed
+    std::size_t touching = 0; // constraints that push
     double error = 0.0;       // of the last iteration: gaps and displacements [m]
 };
 
@@ -64,19 +72,38 @@ class CondensedContact {
 
   private:
     struct Entry {
-        std::size_t tool, vertex; // and which of the tool's
-        std::size_t local;        // row in the small system
-        double give;              // 1 / (k A) [m/N]; 0 with the constraint
+        std::size_t tool, constraint; // and which of the tool's
+        double give;                  // 1 / (k A) [m/N]; 0 with the constraint
         double push = 0.0;
-        double settled = 0.0; // push by which the normal's turning is taken
-        Gap gap{0.0, {}};
+        double settled = 0.0; // push by which the normals' turning is taken
+        double gap = 0.0;
+        std::vector<std::size_t> points{}; // of `_points`, on which the gap depends
+        std::vector<Point> gradient{};     // of the gap, by each of these
+    };
+    /// A patch with an entry's constraint.
+    struct Patch {
+        std::size_t tool, number;
+        std::array<std::int32_t, 3> corners; // of `_points`, -1 for one at rest
+        std::vector<std::int32_t> entries;   // of its constraints, -1 for none
+        std::vector<std::int32_t> slots;     // of each constraint and corner in the gradient
+        std::vector<Gap> gaps;               // of its points
     };
 
     ContactOutcome go_to(std::span<const Pose> poses, std::span<const Point> base,
                          double relative_tolerance, int max_iterations);
     Point place_of(std::size_t touched, std::span<const Point> base) const;
+    Point place_in(const Patch &patch, std::size_t point,
+                   const std::array<Point, 3> &corners) const;
+    std::array<Point, 3> corners_of(std::size_t tool, std::size_t patch,
+                                    std::span<const Point> base) const;
+    double share_of(const Patch &patch, std::size_t point, std::size_t own) const;
+    double push_at(const Patch &patch, std::size_t point, double Entry::*push) const;
+    double gap_of_constraint(std::size_t tool, std::size_t constraint, std::span<const Pose> poses,
+                             std::span<const Point> base) const;
     bool add_near(std::span<const Pose> poses, std::span<const Point> base, double margin);
+    void gather_patches();
     void gather_parts();
+    double measure(std::span<const Pose> poses);
     ContactOutcome settle(std::span<const Pose> poses, std::span<const Point> base,
                           double relative_tolerance, int max_iterations);
     void turn_normals();
@@ -91,19 +118,28 @@ class CondensedContact {
     bool _is_penalty;
     double _reach;
 
-    std::vector<std::vector<double>> _pushes; // of each tool's vertices
+    std::vector<std::vector<std::vector<std::int32_t>>> _patches_of; // each tool's constraints
+    std::vector<std::vector<double>> _pushes;                        // of each tool's constraints
     std::vector<Point> _response, _forces;
     std::vector<ToolLoad> _loads;
 
     // Of the step at hand.
     std::vector<Entry> _entries;
-    std::vector<std::int32_t> _points;   // touched points of the entries
+    std::vector<Patch> _patches;
+    std::vector<std::int32_t> _points;   // touched points of the patches
     std::vector<std::int32_t> _local;    // of each touched point among them, -1 for none
     std::vector<std::int32_t> _gathered; // whose parts of the compliance are in `_parts`
     std::vector<CompliancePart> _parts;
-    std::vector<Point> _moved, _pushed;   // displacement of each of `_points`, and force there
-    std::vector<std::size_t> _bent;       // of `_points`, those whose normals turn under a push
-    std::vector<CompliancePart> _turning; // D of each of these
+    std::vector<Point> _moved, _pushed; // displacement of each of `_points`, and force there
+    std::vector<std::size_t> _bent;     // of `_points`, those that feel normals turn under a push
+    struct Turned {
+        std::size_t row; // of `_bent`
+        CompliancePart part;
+    };
+    static void add_part(std::vector<Turned> &column, std::size_t row, double factor,
+                         const CompliancePart &part);
+    std::vector<std::vector<Turned>> _turning;   // D, column by column of these
+    std::vector<CompliancePart> _response_parts; // C D
     std::vector<double> _matrix, _columns, _bent_columns, _small, _slack, _push;
     Complementarity _complementarity;
     std::vector<Pose> _last; // where the tools were; none before the first step

@@ -23,6 +23,7 @@ from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
+    ContactRule,
     ForceDrive,
     PlaneShape,
     RigidTool,
@@ -45,7 +46,12 @@ TOOLS: dict[str, tuple[ToolShape, float, tuple[float, ...]]] = {
 }
 
 
-def pressed(shape: ToolShape, height: float, quaternion: tuple[float, ...]) -> Problem:
+def pressed(
+    shape: ToolShape,
+    height: float,
+    quaternion: tuple[float, ...],
+    rule: ContactRule = ContactRule.VERTICES,
+) -> Problem:
     """A block, clamped below, with a tool that comes down 3 mm onto its top, a little sideways."""
     mesh = brick_box((6, 6, 4), (0.04, 0.04, TOP))
     path = ToolPath(
@@ -53,16 +59,19 @@ def pressed(shape: ToolShape, height: float, quaternion: tuple[float, ...]) -> P
         [[0.021, 0.0195, TOP + height + 1e-4], [0.0215, 0.02, TOP + height - 3e-3]],
         np.array([quaternion, quaternion]),
     )
-    tool = RigidTool(shape, path, contact_facets=side(mesh, 2, TOP))
+    tool = RigidTool(shape, path, contact_facets=side(mesh, 2, TOP), contact=rule)
     return Problem(
         mesh, Material(1e4, 0.4, 1000.0), (support_of(side(mesh, 2, 0.0)),), (), tools=(tool,)
     )
 
 
+@pytest.mark.parametrize("rule", ContactRule)
 @pytest.mark.parametrize("form", ContactForm)
 @pytest.mark.parametrize("name", TOOLS)
-def test_the_same_equilibrium_as_statics_finds(name: str, form: ContactForm) -> None:
-    problem, law = pressed(*TOOLS[name]), ContactLaw(form)
+def test_the_same_equilibrium_as_statics_finds(
+    name: str, form: ContactForm, rule: ContactRule
+) -> None:
+    problem, law = pressed(*TOOLS[name], rule), ContactLaw(form)
     found = solve_condensed(problem, contact=law)
     expected = solve_contact(problem, strain=Strain.LINEAR, law=law, relative_tolerance=1e-12)
     u = expected.displacements[-1]
@@ -72,8 +81,9 @@ def test_the_same_equilibrium_as_statics_finds(name: str, form: ContactForm) -> 
     assert force[0, 2] > 0.05
 
 
-def test_smoothed_tetrahedra_and_two_tools_at_once() -> None:
-    problem = pressed(*TOOLS["sphere"])
+@pytest.mark.parametrize("rule", ContactRule)
+def test_smoothed_tetrahedra_and_two_tools_at_once(rule: ContactRule) -> None:
+    problem = pressed(*TOOLS["sphere"], rule)
     (one,) = problem.tools
     start, end = np.array(one.path.positions)
     other = dataclasses.replace(
@@ -114,6 +124,28 @@ def test_steps_push_and_let_go() -> None:
     again = steps.step(pose_at(-3e-3))
     assert np.allclose(again.forces, state.forces, rtol=1e-8)
     assert not steps.step(pose_at(1e-3)).displacement.any()
+
+
+def test_facets_beside_points_that_are_fixed_and_what_acts_on_the_tool() -> None:
+    """Over a whole side, down to the clamp: corners there are at rest."""
+    problem = pressed(*TOOLS["sphere"], ContactRule.FACETS)
+    (tool,) = problem.tools
+    mesh, low = problem.mesh, 0.012
+    start = [-0.02 - 1e-4, 0.021, low]
+    path = ToolPath([0.0, 1.0], [start, [-0.018, 0.021, low]])
+    facets = side(mesh, 0, 0.0)
+    problem = dataclasses.replace(
+        problem, tools=(dataclasses.replace(tool, path=path, contact_facets=facets),)
+    )
+    expected = solve_contact(problem, strain=Strain.LINEAR, relative_tolerance=1e-12)
+    steps = CondensedSteps(condense(problem))
+    state = steps.step([path.pose_at(time) for time in (1.0,)])
+    for found, known in ((state.forces, expected.forces), (state.moments, expected.moments)):
+        size = np.abs(expected.forces[-1]).max() * (1.0 if found is state.forces else 0.02)
+        assert np.abs(found - known[-1]).max() <= 1e-7 * size
+    moved = dataclasses.replace(problem.supports[0], displacement=(1e-4, 0.0, 0.0))
+    with pytest.raises(NotCondensableError, match="which a support moves"):
+        CondensedSteps(condense(dataclasses.replace(problem, supports=(moved,))))
 
 
 def test_columns_kept_from_step_to_step_are_those_of_the_compliance() -> None:
