@@ -225,7 +225,7 @@ class State:
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
             (num_tools, num_outputs + 1, 3), means from output to output.
         versions: Versions of the libraries that solved it, by name.
-        says: What an outside candidate says of itself, its own words: they choose nothing, and those
+        says: What an outside candidate says of itself, its own words: they choose nothing; those
             on its equations are compared with what was asked for.
         remarks: What was done to compare the solution, or its limits, a sentence each.
         element: Its tetrahedra; for an outside simulator as the caller asks for.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.transforms import scale_loads
 from palpate.validation.candidates.candidate import Candidate
@@ -43,6 +44,7 @@ class Fault(StrEnum):
     REVERSED_LOAD = "reversed-load", "every load the other way"
     DROPPED_TOOL = "dropped-tool", "the last tool left out"
     REVERSED_TOOL_FORCE = "reversed-tool-force", "the force on each tool the other way"
+    VERTICES_ONLY = "vertices-only", "contact looked for at vertices, in place of over facets"
     MIRRORED = "mirrored", "y of the result has the wrong sign"
     MIRRORED_MESH = "mirrored-mesh", "the body solved in the mirror"
     LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green", "linear strain in place of Green's"
@@ -70,6 +72,7 @@ OF_MOTION = (
 )  # fmt: skip
 OF_LOADS = (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD)
 OF_TOOLS = (Fault.DROPPED_TOOL, Fault.REVERSED_TOOL_FORCE)
+OF_FACETS = (Fault.VERTICES_ONLY,)
 
 
 def corrupt_problem(problem: Problem, fault: Fault) -> Problem:
@@ -79,10 +82,12 @@ def corrupt_problem(problem: Problem, fault: Fault) -> Problem:
         CannotShowError: A fault of motion in a static problem, or of loads or tools where there
             are none: nothing would be corrupted.
     """
+    over_facets = any(tool.contact is ContactRule.FACETS for tool in problem.tools)
     for faults, is_there, key, others in (
         (OF_MOTION, problem.time, "[time]", "block-motion or wave"),
         (OF_LOADS, problem.loads, "[[load]]", "beam"),
         (OF_TOOLS, problem.tools, "[tool]", "press or slide"),
+        (OF_FACETS, over_facets, 'contact = "facets"', "press"),
     ):
         if fault in faults and not is_there:
             raise CannotShowError(
@@ -115,6 +120,10 @@ def corrupt_problem(problem: Problem, fault: Fault) -> Problem:
             return dataclasses.replace(problem, loads=problem.loads[:-1])
         case Fault.DROPPED_TOOL:
             return dataclasses.replace(problem, tools=problem.tools[:-1])
+        case Fault.VERTICES_ONLY:
+            at = ContactRule.VERTICES
+            tools = tuple(dataclasses.replace(tool, contact=at) for tool in problem.tools)
+            return dataclasses.replace(problem, tools=tools)
         case Fault.REVERSED_LOAD:
             return scale_loads(problem, -1.0)
         case Fault.MIRRORED_MESH:

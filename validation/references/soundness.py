@@ -15,6 +15,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.validation.exchange.nodal_arrays import (
     fixed_components,
     sliding_points,
@@ -375,9 +376,12 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
         )
     if state.tool_forces is None:
         return
-    # A point that is fixed along one axis passes the tool's push there to its support.
+    # A point that is fixed along one axis passes the tool's push there to its support; a facet
+    # that a tool presses gives a part to its fixed corners.
     fixed = fixed_components(problem)[0].astype(bool)
-    partly = may_touch & fixed.any(axis=1) & ~fixed.all(axis=1)
+    partly = may_touch & fixed.any(axis=1)
+    if all(tool.contact is ContactRule.VERTICES for tool in problem.tools):
+        partly &= ~fixed.all(axis=1)
     whole = ~fixed[partly].any(axis=0)
     gap = np.abs(residual[may_touch].sum(axis=0) - state.tool_forces.sum(axis=0))[whole]
     if not gap.max(initial=0.0) <= _SINGLE * scale:
