@@ -245,7 +245,7 @@ LINES = {
         53600,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets",
     ),
-    "validation/candidates": (1530, "issue 34: what is asked for beside what a result states"),
+    "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3160, "issue 33: shorter internal texts"),
     "validation/commands": (2170, "issue 34: equations are asked for by options"),
     "validation/diagnosis": (2200, "issue 33: one module of checks of laws"),

@@ -218,7 +218,7 @@ def test_single_precision_that_is_granted_is_no_difference(case: Case, monkeypat
 def test_contact_is_compared_with_that_of_the_tools() -> None:
     case = case_of("press")
     pressed = stored("press", SAME_MESH)
-    for rule, option in (("vertices", ""), ("facets", "--contact facets"), ("somewhere", "")):
+    for rule, option in (("facets", ""), ("vertices", "--contact vertices"), ("somewhere", "")):
         state = dataclasses.replace(pressed, says={"contact": rule})
         found = differences(
             case.problem, state, element=Element.LINEAR, steps=AskedSteps(), is_stepped=False,
@@ -370,10 +370,10 @@ def test_a_state_does_not_choose_its_element() -> None:
 
 def test_contact_is_asked_for_on_every_tool() -> None:
     case = case_of("press")
-    other = case.with_contact(ContactRule.FACETS)
-    assert case.with_contact(ContactRule.VERTICES) is case
-    assert (other.name, other.is_changed) == ("press-facets", True)
-    assert {tool.contact for tool in other.problem.tools} == {ContactRule.FACETS}
+    other = case.with_contact(ContactRule.VERTICES)
+    assert case.with_contact(ContactRule.FACETS) is case
+    assert (other.name, other.is_changed) == ("press-vertices", True)
+    assert {tool.contact for tool in other.problem.tools} == {ContactRule.VERTICES}
 
 
 def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path: Path) -> None:
@@ -398,7 +398,7 @@ def test_the_command_line_asks(case: Case, command_line: Any, capsys: Any) -> No
         (("compare", case.path, path, "--integrator", "rk4"), "rk4"),
         (("compare", case.path, path, "--contact", "facets"), "has no [tool]"),
         (("gate", case.path, "--contact", "facets"), "has no [tool]"),
-        (("gate", "press", "--contact", "facets", "--expected"), "--contact"),
+        (("gate", "press", "--contact", "vertices", "--expected"), "--contact"),
         (("report", "press", "-o", path.parent / "x", "--law", "ogden", "--expected"), "--law"),
     ):
         assert command_line(*words) == 2

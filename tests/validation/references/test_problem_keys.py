@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.problem import Problem, Strain, TimeSpan
-from palpate.meshes.rigid_tool import SphereShape, ToolPath
+from palpate.meshes.rigid_tool import ContactRule, SphereShape, ToolPath
 from palpate.validation.case import load_case
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.references.stored import problem_key
@@ -42,13 +42,15 @@ KEYS_OF_0_1 = {
 
 
 def problem_of_0_1(name: str) -> Problem:
-    """As it was then: a ball of 12 mm in press, whose tool slide moved."""
+    """As it was then: a ball of 12 mm in press, at vertices, whose tool slide moved."""
     if name not in ("press", "slide"):
         return load_case(name).problem
     still = load_case("press").problem
     places = 1e-3 * np.array([[24.0, 17.0, 32.0], [26.0, 18.0, 28.0]])
     down = ToolPath(np.arange(2.0), places)
-    ball = dataclasses.replace(still.tools[0], shape=SphereShape(0.012), path=down)
+    ball = dataclasses.replace(
+        still.tools[0], shape=SphereShape(0.012), path=down, contact=ContactRule.VERTICES
+    )
     still = dataclasses.replace(still, tools=(ball,))
     if name == "press":
         return still
