@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 
 from palpate.meshes.problem import Element
+from palpate.validation.cached_results import ResultCache
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_page import write_board
-from palpate.validation.peers.board_runs import Cache
 from palpate.validation.peers.registry import Peer
 from palpate.validation.report import html
 from palpate.validation.states import in_silence
@@ -67,9 +67,9 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         "refuses": f"{sys.executable} -c exit(77) {{case}} {{result}}",
     }
     entries = [Peer(name=name, title=name, command=line) for name, line in commands.items()]
-    kept = Cache(folder / "kept")
+    cache = ResultCache(folder / "cached")
     cases = [load_case("block-fine")]
-    made = compute_board(entries, cases, kept, time_limit=60.0, progress=in_silence)
+    made = compute_board(entries, cases, cache, time_limit=60.0, progress=in_silence)
     write_board(made, folder)
     return [folder / f"{name}.html" for name in ("index", "simulator-still", "case-block-fine")]
 
