@@ -22,6 +22,7 @@ from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
+from palpate.fastsim.contact.tool_contact import require_vertices
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.newton import rounding_error
@@ -91,7 +92,7 @@ def relax(
         max_steps: Largest number of steps before giving up.
         num_threads: At least 1.
         device: On which the steps are made; see `ExplicitBody`.
-        contact: How contact is enforced: None is the constraint, over facets a penalty.
+        contact: How contact is enforced: None is the constraint.
         progress: Called with one line now and then.
 
     Returns:
@@ -100,6 +101,7 @@ def relax(
 
     Raises:
         InputError: A problem with springs.
+        FacetContactError: The constraint over facets.
         UnsupportedBodyError: The body can float.
         RelaxationFailedError: It did not come to rest, or blew up at every start; carries the last
             good state. `palpate.fastsim.statics.solve_static` finds the load that can be borne.
@@ -110,6 +112,11 @@ def relax(
     """
     require_supported(problem)
     require_no_springs(problem, "dynamic relaxation")
+    if contact is None:  # motion would take its penalty, whose equilibrium is another
+        require_vertices(
+            problem.tools,
+            "dynamic relaxation finds the constraint at vertices only, so solve by Newton's method",
+        )
     run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, device, contact)
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP

@@ -50,6 +50,10 @@ def test_a_relaxation_that_finds_no_rest_is_a_failed_candidate() -> None:
 
 def test_relaxation_tells_the_forces_on_the_tools() -> None:
     problem = palpate.load_case("press").problem
+    with pytest.raises(palpate.InputError, match="at vertices only, so solve by Newton"):
+        palpate.solve(problem, method="relaxation")
+    at_vertices = [dataclasses.replace(tool, contact="vertices") for tool in problem.tools]
+    problem = dataclasses.replace(problem, tools=tuple(at_vertices))
     newton, relaxed = palpate.solve(problem), palpate.solve(problem, method="relaxation")
     assert relaxed.tool_forces is not None
     np.testing.assert_allclose(relaxed.tool_forces, newton.tool_forces, rtol=1e-5, atol=1e-9)
