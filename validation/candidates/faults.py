@@ -44,7 +44,7 @@ class Fault(StrEnum):
     REVERSED_LOAD = "reversed-load", "every load the other way"
     DROPPED_TOOL = "dropped-tool", "the last tool left out"
     REVERSED_TOOL_FORCE = "reversed-tool-force", "the force on each tool the other way"
-    VERTICES_ONLY = "vertices-only", "contact looked for at vertices, in place of over facets"
+    VERTICES_ONLY = "vertices-only", "contact at vertices in place of facets"
     MIRRORED = "mirrored", "y of the result has the wrong sign"
     MIRRORED_MESH = "mirrored-mesh", "the body solved in the mirror"
     LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green", "linear strain in place of Green's"
