@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STUDIES = {
     "beam": "Fig. 2: linear strain stretches a beam falsely, Green does not",
     "calibration": "error bars of the truth against 68 known answers",
-    "convergence": "the kidney's order, Richardson's value and error bar (GCI) on three meshes",
+    "convergence": "the kidney's order and error bar (GCI) on three meshes",
     "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error against run time of every simulator that is installed",
     "grading": "section V: graded meshes, the same answer with fewer cells",
