@@ -60,6 +60,8 @@ class ContactSampling:
         areas: Of the constraints [m2], shape (n,).
         patches: Corners of the patches, shape (m, 1) or (m, 3).
         patch_areas: Rest areas of the patches [m2], shape (m,).
+        shape_functions: Of the corners at the points of a patch, shape (points, 1) or (points, 3).
+        shares: s_qi of each patch, point and constraint, shape (m, points, own).
     """
 
     def __init__(
@@ -83,16 +85,19 @@ class ContactSampling:
             a, b, c = rest[patches].transpose(1, 0, 2)
             sizes = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         self.patches, self.patch_areas, self.areas = patches, sizes, areas
-        self._shape = _SHAPES[rule]
+        self.shape_functions = _SHAPES[rule]
         # Constraints of each patch; at corners without one the number n.
         self._number = number[patches]
         share = (sizes[:, None] / np.append(areas, np.inf)[self._number])[:, None, :]
-        self._share: Floats = share * (_DUALS[rule] / len(self._shape))
+        self.shares: Floats = share * (_DUALS[rule] / len(self.shape_functions))
         if is_integrated:
-            self.areas = np.repeat(sizes / len(self._shape), len(self._shape))
-            self._number = np.arange(len(self.areas)).reshape(len(patches), len(self._shape))
-            self._share = np.broadcast_to(
-                np.eye(len(self._shape)), (len(patches), *self._shape.shape[:1] * 2)
+            self.areas = np.repeat(sizes / len(self.shape_functions), len(self.shape_functions))
+            self._number = np.arange(len(self.areas)).reshape(
+                len(patches), len(self.shape_functions)
+            )
+            self.shares = np.broadcast_to(
+                np.eye(len(self.shape_functions)),
+                (len(patches), *self.shape_functions.shape[:1] * 2),
             )
 
     @property
@@ -107,25 +112,15 @@ class ContactSampling:
         number = np.where(self._number < len(self.areas), self._number, -1)
         return number.astype(np.int32)
 
-    @property
-    def shares(self) -> Floats:
-        """s_qi of each patch, point and constraint, shape (m, points, own)."""
-        return self._share
-
-    @property
-    def shape_functions(self) -> Floats:
-        """Shape functions of the corners at the points of a patch, shape (points, 1) or (., 3)."""
-        return self._shape
-
     def positions(self, displacement: Points) -> Points:
         """The points as displaced [m], shape (number of points, 3)."""
         corners = self._rest[self.patches] + displacement[self.patches]
-        positions: Points = (self._shape @ corners).reshape(-1, 3)
+        positions: Points = (self.shape_functions @ corners).reshape(-1, 3)
         return positions
 
     def averaged(self, values: Floats) -> Floats:
         """Sums of s_qi times values of the points: of each constraint, shape (n, ...)."""
-        parts = self._share.transpose(0, 2, 1) @ self._of_patches(values)
+        parts = self.shares.transpose(0, 2, 1) @ self._of_patches(values)
         sums = _sums(self._number, parts, len(self.areas) + 1)
         return sums[:-1].reshape(len(self.areas), *values.shape[1:])
 
@@ -133,13 +128,13 @@ class ContactSampling:
         """Sums of s_qi times values of the constraints: of each point, shape (m, ...)."""
         padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
         rows = padded[self._number].reshape(*self._number.shape, math.prod(values.shape[1:]))
-        count = self._share.shape[0] * self._share.shape[1]
-        spread: Floats = (self._share @ rows).reshape(count, *values.shape[1:])
+        count = self.shares.shape[0] * self.shares.shape[1]
+        spread: Floats = (self.shares @ rows).reshape(count, *values.shape[1:])
         return spread
 
     def add_to(self, force: Points, vectors: Points) -> None:
         """Add forces on the points [N], shape (m, 3), to those of the mesh's points."""
-        np.add.at(force, self.patches, self._shape.T @ self._of_patches(vectors))
+        np.add.at(force, self.patches, self.shape_functions.T @ self._of_patches(vectors))
 
     def extend_pattern(self, body: Body) -> None:
         """Add the pairs of vertices that act on each other to the pattern of the body's matrix."""
@@ -158,11 +153,11 @@ class ContactSampling:
             bends: Stiffnesses of the points [N/m], shape (m, 3, 3).
             own: Stiffnesses of the vertices of the constraints [N/m], shape (n, 3, 3).
         """
-        pairs, shape = self._pairs, self._shape
+        pairs, shape = self._pairs, self.shape_functions
         bent, padded = self._of_patches(bends), np.append(weights, 0.0)
         near = padded[self._number].any(axis=1) | bent.any(axis=(1, 2))
         parts = np.einsum(
-            "mqk,ql,mqj->mklj", self._share[near], shape, self._of_patches(normals)[near]
+            "mqk,ql,mqj->mklj", self.shares[near], shape, self._of_patches(normals)[near]
         )
         gradients = _sums(pairs.entry[near], parts, len(pairs.of))
         stiff = padded[pairs.of[pairs.first]]
@@ -181,7 +176,7 @@ class ContactSampling:
     def _of_patches(self, values: Floats) -> Floats:
         """Values of the points, patch by patch: shape (patches, points of one, components)."""
         size = math.prod(values.shape[1:])
-        rows: Floats = values.reshape(len(self.patches), len(self._shape), size)
+        rows: Floats = values.reshape(len(self.patches), len(self.shape_functions), size)
         return rows
 
     @cached_property
