@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 import tomllib
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -47,7 +48,7 @@ def _listed(words: str) -> list[str]:
     return [" ".join(word.split()) for word in words.split(",")]
 
 
-class Statement:
+class Statement(ABC):
     """A card or a tag: values by name, and which of them the reader has asked for.
 
     `read` is None as long as nobody has looked at it at all.
@@ -69,21 +70,21 @@ class Statement:
         return ImportRefusedError(self.path, self.line, reason)
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """Its tag or keyword."""
-        raise NotImplementedError
 
+    @abstractmethod
     def shown(self, value: str = "") -> str:
         """How it, or one of its values, stands in the file."""
-        raise NotImplementedError
 
     def below(self) -> Iterable[Statement]:
         """The tags in a tag."""
         return ()
 
+    @abstractmethod
     def refuse_data(self, known: frozenset[str]) -> None:
         """Refuse text or data lines that are there and not harmless."""
-        raise NotImplementedError
 
     def mark(self, name: str | None = None) -> None:
         """It is understood; so is the value of that name."""
