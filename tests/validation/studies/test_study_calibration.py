@@ -86,11 +86,11 @@ def test_a_store_that_has_changed_is_refused(tmp_path, name) -> None:
     data = bytearray(file.read_bytes() if name else b"more")
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
-    with tarfile.open(tmp_path / "spoiled.tar.xz", "w:xz") as tar:
+    with tarfile.open(tmp_path / "altered.tar.xz", "w:xz") as tar:
         for each in sorted(file.parent.iterdir()):
             tar.add(each, each.name)
     with pytest.raises(FileFormatError, match="it has not its hash"):
-        known_problems(tmp_path / "spoiled.tar.xz")
+        known_problems(tmp_path / "altered.tar.xz")
 
 
 def test_half_of_every_family_is_set_apart_by_its_names() -> None:

@@ -201,9 +201,9 @@ def test_the_same_result_for_other_values_or_the_other_strain_is_said_and_shows_
     assert right.verdict is Verdict.PASSED
 
     def sends(chosen: Callable[[Run], Run]) -> tuple[list[str], Verdict]:
-        spoiled = [dataclasses.replace(run, state=chosen(run).state) for run in runs]
-        (finding,) = finding_on_sames(axes, spoiled)
-        return sames_of(axes, spoiled), finding.verdict
+        alike = [dataclasses.replace(run, state=chosen(run).state) for run in runs]
+        (finding,) = finding_on_sames(axes, alike)
+        return sames_of(axes, alike), finding.verdict
 
     def run_of(load: float, strain: Strain) -> Run:
         return next(run for run in runs if (run.values[0], run.strain) == (load, strain))
