@@ -234,6 +234,10 @@ class _Builder:
         return RigidTool(shape, path, spec.friction_coefficient, facets, drive, spec.contact)
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
+        if isinstance(spec, TractionSpec) and spec.values:
+            # Before an affine field is fitted, whose rounding is as large as they are.
+            written = [self.units.pascals(t) for value in spec.values for t in value.traction]
+            _require_usable(np.array(written), what, "Pa")
         built = self._load(spec, material, what)
         factors = (1.0,) if built.amplitude is None else built.amplitude.factors
         for name, unit in _SIZES.items():
