@@ -77,7 +77,7 @@ def environment(tree: Path) -> dict[str, str]:
     return {**os.environ, **asked}
 
 
-def run_once(tree: Path, *, again: bool) -> tuple[Lines, dict[str, float]]:
+def run_once(tree: Path, jobs: int, *, again: bool) -> tuple[Lines, dict[str, float]]:
     """The tests without a mutant: lines run by each, and seconds; or those of the last run.
 
     Those of the last run are used where they are as they were written, of the same sources.
@@ -88,7 +88,7 @@ def run_once(tree: Path, *, again: bool) -> tuple[Lines, dict[str, float]]:
             print("lines and seconds are found anew: sources or files have changed", flush=True)
         for file in (made, data):
             file.unlink(missing_ok=True)
-        _watch_tests(tree, data, seconds)
+        _watch_tests(tree, data, seconds, jobs)
         made.write_text(_made_by(data, seconds))
     else:
         print(f"lines and seconds of {time.ctime(made.stat().st_mtime)}", flush=True)
@@ -112,14 +112,28 @@ def _made_by(*files: Path) -> str:
     return digest.hexdigest()
 
 
-def _watch_tests(tree: Path, data: Path, seconds: Path) -> None:
-    command = [sys.executable, "-m", "coverage", "run", f"--data-file={data}"]
-    command += [f"--include={tree}/palpate/validation/*", *_PYTEST, "-p", "watch", *TESTS]
-    asked = {**environment(tree), "PALPATE_SECONDS": str(seconds)}
+def _watch_tests(tree: Path, data: Path, seconds: Path, jobs: int) -> None:
+    """Run the tests, several folders at a time, and write what all of them cover and take."""
+    asked = environment(tree)
     asked["PYTHONPATH"] += os.pathsep + str(HERE)
-    done = subprocess.run(command, cwd=ROOT, env=asked, check=False)
-    if done.returncode != 0:
-        sys.exit(f"the tests fail without any mutant (pytest's exit code {done.returncode})")
+
+    def watch(folder: str) -> tuple[int, Path, Path]:
+        part = WORK / folder.replace("/", "-")
+        covered, taken = part.with_suffix(".coverage"), part.with_suffix(".seconds")
+        command = [sys.executable, "-m", "coverage", "run", f"--data-file={covered}"]
+        command += [f"--include={tree}/palpate/validation/*", *_PYTEST, "-p", "watch", folder]
+        timed = {**asked, "PALPATE_SECONDS": str(taken)}
+        done = subprocess.run(command, cwd=ROOT, env=timed, check=False)
+        return done.returncode, covered, taken
+
+    with ThreadPoolExecutor(jobs) as pool:
+        parts = list(pool.map(watch, TESTS))
+    if failed := [f"{TESTS[k]} ({parts[k][0]})" for k in range(len(TESTS)) if parts[k][0]]:
+        sys.exit(f"tests fail without any mutant (pytest's exit code): {', '.join(failed)}")
+    combine = [sys.executable, "-m", "coverage", "combine", f"--data-file={data}"]
+    subprocess.run([*combine, *(str(covered) for _, covered, _ in parts)], cwd=ROOT, check=True)
+    taken = {name: t for *_, file in parts for name, t in json.loads(file.read_text()).items()}
+    seconds.write_text(json.dumps(taken))
 
 
 def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[str]:
@@ -200,7 +214,7 @@ def main() -> int:
     for k in range(given.jobs):
         trees.put(make_tree(WORK / f"tree-{k}"))
     with one_of(trees) as tree:
-        lines, seconds = run_once(tree, again=given.again)
+        lines, seconds = run_once(tree, given.jobs, again=given.again)
     known, outcomes = explained(), defaultdict(list)
 
     def try_one(mutant: Mutant) -> None:
