@@ -67,7 +67,7 @@ def test_smoothed_cells_have_no_step_of_their_own() -> None:
 
 @pytest.mark.long
 def test_a_target_lengthens_the_step_and_the_boundary_stays() -> None:
-    surface = shape_kidney(edge_length=0.012)
+    surface = shape_kidney(edge_length=0.016)
 
     def make(altitude: float) -> TetMesh:
         return mesh_surface(surface, least_altitude=altitude)
