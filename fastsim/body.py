@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
-from palpate.fastsim.forces import sum_at_points
+from palpate.fastsim.forces import lumped_areas, sum_at_points
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -59,6 +60,7 @@ class Body:
         element: Linear tetrahedra, plain or smoothed. Nothing is smoothed across cells of other
             elastic constants.
         inclusions: Cells of another material.
+        masses: Masses on its surface.
 
     Attributes:
         law: What the material follows under Green strain.
@@ -83,8 +85,10 @@ class Body:
         *,
         element: Element = Element.LINEAR,
         inclusions: Sequence[Inclusion] = (),
+        masses: Sequence[PointMass] = (),
     ) -> None:
         self.mesh = mesh
+        self._masses = masses
         self.strain = strain
         self.element = element
         self.law = material.law
@@ -115,14 +119,26 @@ class Body:
     ) -> Body:
         """The body of a problem."""
         return cls(
-            problem.mesh, problem.material, strain, element=element, inclusions=problem.inclusions
+            problem.mesh,
+            problem.material,
+            strain,
+            element=element,
+            inclusions=problem.inclusions,
+            masses=problem.masses,
         )
 
     @cached_property
     def lumped_mass(self) -> Floats:
-        """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
-        quarter = self.density * self.mesh.cell_volumes / 4.0
-        return sum_at_points(quarter, self.mesh.cells, self.mesh.num_points)
+        """Diagonal of M [kg], (num_points,).
+
+        A quarter of each cell's mass to its corners, and a third of what masses are on a facet.
+        """
+        mesh = self.mesh
+        quarter = self.density * mesh.cell_volumes / 4.0
+        lumped = sum_at_points(quarter, mesh.cells, mesh.num_points)
+        for mass in self._masses:
+            lumped += mass.density(mesh.points) * lumped_areas(mesh, mass.facets)
+        return lumped
 
     @cached_property
     def shape_gradients(self) -> Floats:
@@ -191,7 +207,8 @@ class Body:
         lumped mass (Fried 1972, "Bounds on the extremal eigenvalues of the finite element
         stiffness and mass matrices"); for one cell that is 4 / rho times the largest eigenvalue
         of B^T D B, which D^(1/2) B B^T D^(1/2) has too, a 6 x 6 matrix. For the smoothed element
-        patches of edges and nodes replace the cells: core/mechanics/smoothed_bound.hpp.
+        patches of edges and nodes replace the cells: core/mechanics/smoothed_bound.hpp. Masses on
+        the surface only lengthen the step.
 
         At rest all laws are as stiff, so it is the same for all. Away from it, it may be too long:
         Saint-Venant-Kirchhoff stiffens under stretch, the logarithm of a volume without bound as

@@ -24,6 +24,7 @@ from palpate.meshes.material_law import LARGEST_CONSTANT, Law
 # A problem is made of these: importers may take them from here.
 from palpate.meshes.material_law import Inclusion as Inclusion
 from palpate.meshes.material_law import Material as Material
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
@@ -170,15 +171,18 @@ class Problem:
         inclusions: Cells of other materials.
         initial_velocity: Velocity at the start of a motion; None starts from rest.
         springs: Springs from patches of the surface to moved anchors.
+        masses: Masses that hang on the surface; inert in motion. Their weight is among the loads
+            if it acts: see `PointMass.weight`.
 
     Raises:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
-        FacetNotOnBoundaryError: A facet of a support, load, tool or spring inside the body, or
-            twice there.
+        FacetNotOnBoundaryError: A facet of a support, load, tool, spring or mass inside the
+            body, or twice there.
         DisagreeingSupportsError: Two supports that prescribe different displacements of a point.
         InputError: Indices that are not whole numbers, a cell in two inclusions, inclusions of
             another law, a tool beside a support along a slanted normal, an initial velocity without
-            a time span, or a spring without a point of the mesh within its radius.
+            a time span, a spring without a point of the mesh within its radius, or a mass without
+            facets.
 
     >>> import numpy as np
     >>> import palpate
@@ -206,17 +210,21 @@ class Problem:
     inclusions: tuple[Inclusion, ...] = ()
     initial_velocity: InitialVelocity | None = None
     springs: tuple[Spring, ...] = ()
+    masses: tuple[PointMass, ...] = ()
 
     def __post_init__(self) -> None:
-        for kind in ("supports", "loads", "tools", "springs"):
+        for kind in ("supports", "loads", "tools", "springs", "masses"):
+            one = "mass" if kind == "masses" else kind[:-1]
             items = enumerate(getattr(self, kind), start=1)
-            checked = [_on_mesh(item, self.mesh, f"{kind[:-1]} {k}") for k, item in items]
+            checked = [_on_mesh(item, self.mesh, f"{one} {k}") for k, item in items]
             object.__setattr__(self, kind, tuple(checked))
         require_agreement(
             self.mesh, self.supports, None if self.time is None else self.time.end_time
         )
         for spring in self.springs:
             spring.densities(self.mesh.points)  # says if it weighs no point
+        for mass in self.masses:
+            mass.density(self.mesh.points)  # says if it has no facets
         if self.time is not None:
             stored = (self.time.num_outputs + 1) * self.mesh.points.nbytes
             if stored > MOST_STORED_BYTES:
@@ -285,7 +293,7 @@ def on_other_mesh(
             with_rows(item, facets=facets, points=points, cells=cells)
             for item in getattr(problem, kind)
         )
-        for kind in ("supports", "loads", "tools", "inclusions", "springs")
+        for kind in ("supports", "loads", "tools", "inclusions", "springs", "masses")
     }
     return dataclasses.replace(problem, mesh=mesh, **parts)
 
@@ -293,7 +301,7 @@ def on_other_mesh(
 def with_rows(
     item: Item, *, facets: Carry, points: Carry | None = None, cells: Carry | None = None
 ) -> Item:
-    """A support, load, tool, spring or inclusion on other facets, points or cells."""
+    """A support, load, tool, spring, mass or inclusion on other facets, points or cells."""
     changes = {}
     for name, carry in (
         ("facets", facets),

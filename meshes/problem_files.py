@@ -21,6 +21,7 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.errors import FileFormatError
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -67,6 +68,7 @@ _FIRST_FIELDS: dict[type[Any], str] = {
     Rotation: "axis center angle",
     Spring: "facets center radius stiffness path",
     AnchorPath: "times displacements is_smooth",
+    PointMass: "facets mass",
 }
 _KINDS = {kind.__name__: kind for kind in _FIRST_FIELDS}
 

@@ -109,7 +109,7 @@ def prescribe(mesh: TetMesh, material: Material, fixed: Indices, displacement: P
 
 
 def _mapped(problem: Problem, matrix: Matrix, length: float) -> Problem:
-    """The problem with its body, supports, loads, tools and springs mapped."""
+    """The problem with its body, supports, loads, tools, springs and masses mapped."""
     # A mirrored facet or cell keeps its orientation by another order of its corners.
     order = [0, 2, 1] if np.linalg.det(matrix) < 0.0 else [0, 1, 2]
 
@@ -139,6 +139,7 @@ def _mapped(problem: Problem, matrix: Matrix, length: float) -> Problem:
         loads=tuple(with_rows(item, facets=facets) for item in loads),
         tools=tuple(with_rows(item, facets=facets) for item in tools),
         springs=tuple(with_rows(item, facets=facets) for item in springs),
+        masses=tuple(with_rows(item, facets=facets) for item in problem.masses),
         inclusions=tuple(inclusions),
         initial_velocity=start,
     )

@@ -14,6 +14,7 @@ from __future__ import annotations
 import functools
 import math
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,8 @@ class Motion(MovingBody):
     iterations = 0
     # Factors of mass, stiffness and viscosity, with the last matrix that was assembled from them.
     _cached: tuple[tuple[float, float, float], Any] | None = None
+    # The consistent mass of masses on the surface, each a form.
+    _surface_tangents: Sequence[Any] = ()
 
     def prepare(self, method: AlphaMethod, tolerance: float) -> None:
         """Compile the tangent, and choose what solves with it."""
@@ -176,6 +179,8 @@ class Motion(MovingBody):
         if self.row_sums is None:
             mass = self.density * ufl.inner(du, body.v) * self.mass_measure
             tangent += self._mass_factor * mass
+            on_surface = self.works_of_masses(du)
+            self._surface_tangents = [fenicsx.form(self._mass_factor * of) for of in on_surface]
         self._tangent = fenicsx.form(tangent)
         self.tools = ImplicitTools(self.problem, space, self.fixed, tolerance)
         self._matrix = fenicsx.create_matrix(self._tangent, self.tools.reached)
@@ -238,6 +243,8 @@ class Motion(MovingBody):
         self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        for form in self._surface_tangents:
+            fenicsx.assemble_into_matrix(self._matrix, form)
         if self.viscosity is not None and rate:
             self.viscosity.add_tangent(self._matrix, stiffness, rate)
         if self._cached is not None:

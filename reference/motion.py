@@ -23,6 +23,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
@@ -30,7 +31,7 @@ from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
 from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
-from palpate.reference.mesh_transfer import create_space, transfer
+from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
 from palpate.reference.schemes import State, Stencil
 from palpate.reference.smoothed import Smoothing
 from palpate.reference.supports import fixed_dofs
@@ -176,10 +177,13 @@ class MovingBody:
         """M a [N], flat."""
         if self.row_sums is not None:
             return self.row_sums * acceleration
-        field, form = self._inertia
+        field, forms = self._inertia
         field.x.array[: len(acceleration)] = self.body.to_global(acceleration)
         field.x.scatter_forward()
-        return self.body.to_local(fenicsx.assemble_vector(form))
+        force = fenicsx.assemble_vector(forms[0])
+        for form in forms[1:]:
+            force += fenicsx.assemble_vector(form)
+        return self.body.to_local(force)
 
     @cached_property
     def density(self) -> Any:
@@ -194,10 +198,17 @@ class MovingBody:
         return ufl.dx(domain=space.transferred.mesh, metadata={"quadrature_degree": degree})
 
     @cached_property
-    def _inertia(self) -> tuple[Any, Any]:
-        field = fem.Function(self.body.space.space)
-        work = self.density * ufl.inner(field, self.body.v) * self.mass_measure
-        return field, fenicsx.form(work)
+    def _inertia(self) -> tuple[Any, list[Any]]:
+        body = self.body
+        field = fem.Function(body.space.space)
+        work = self.density * ufl.inner(field, body.v) * self.mass_measure
+        on_surface = self.works_of_masses(field)
+        return field, [fenicsx.form(of) for of in (work, *on_surface)]
+
+    def works_of_masses(self, acceleration: Any) -> list[Any]:
+        """Virtual work of the consistent inertia of each mass on the surface, in UFL."""
+        space, masses = self.body.space, self.problem.masses
+        return works_of_masses(space, masses, acceleration, self.body.v, degree=2 * space.degree)
 
     def kinetic_energy(self, velocity: Floats) -> float:
         """Half of v . M v [J]."""
@@ -281,11 +292,30 @@ class StepLostError(Exception):
 
 
 def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
-    """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
+    """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat.
+
+    With those of masses on the surface, a third of each facet's part to its corners.
+    """
     one = ufl.as_vector([1.0, 1.0, 1.0])
     dx = ufl.dx(domain=body.space.transferred.mesh, metadata={"quadrature_degree": 1})
     density = density_by_cell(body, problem)
-    return fenicsx.assemble_vector(fenicsx.form(density * ufl.inner(one, body.v) * dx))
+    rows = fenicsx.assemble_vector(fenicsx.form(density * ufl.inner(one, body.v) * dx))
+    for work in works_of_masses(body.space, problem.masses, one, body.v, degree=1):
+        rows += fenicsx.assemble_vector(fenicsx.form(work))
+    return rows
+
+
+def works_of_masses(
+    space: TransferredSpace, masses: Sequence[PointMass], acceleration: Any, v: Any, *, degree: int
+) -> list[Any]:
+    """Integral of m/A a . v over the facets of each mass, in UFL, exact to a degree."""
+    mesh, works = space.transferred.mesh, []
+    for number, mass in enumerate(masses, start=1):
+        per_area = mass.density(space.transferred.source.points)
+        area = space.transferred.facet_measure(mass.facets, f"mass {number}", degree=degree)
+        constant = fem.Constant(mesh, PETSc.ScalarType(per_area))
+        works.append(constant * ufl.inner(acceleration, v) * area)
+    return works
 
 
 def density_by_cell(body: ElasticBody, problem: Problem) -> Any:

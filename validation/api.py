@@ -18,6 +18,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.rigid_tool import (
@@ -83,6 +84,7 @@ __all__ = [
     "Method",
     "PlaneShape",
     "PointForce",
+    "PointMass",
     "Pressure",
     "Problem",
     "ReferenceFailedError",

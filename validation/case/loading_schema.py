@@ -349,6 +349,17 @@ class SpringSpec(OverTime):
         return self
 
 
+class MassSpec(Table):
+    """A mass that hangs on the surface: inert in a motion, and heavy where a gravity load acts."""
+
+    name: str = Field(default="", pattern=r"^[A-Za-z0-9_-]{0,64}$")
+    """Name by which an experiment addresses it: letters, digits, '_' and '-'."""
+    region: RegionSpec
+    """The part of the boundary over which it is spread evenly, by area at rest."""
+    mass: NotNegative
+    """The whole mass [units.mass]."""
+
+
 LoadSpec = Annotated[
     ForceSpec | TractionSpec | MomentSpec | PressureSpec | GravitySpec | PointForceSpec,
     Field(discriminator="kind"),

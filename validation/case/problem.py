@@ -28,6 +28,7 @@ from palpate.meshes.face_loads import (
     profile_traction,
 )
 from palpate.meshes.material_law import Law
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import (
@@ -52,6 +53,7 @@ from palpate.validation.case.loading_schema import (
     ForceSpec,
     GravitySpec,
     LoadSpec,
+    MassSpec,
     MomentSpec,
     PointForceSpec,
     PoseSpec,
@@ -87,7 +89,9 @@ _SHAPES: dict[str, Callable[..., ToolShape]] = {
 
 
 def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
-    """Supports, loads, springs, tools and materials of a case on its mesh.
+    """Supports, loads, springs, tools, masses and materials of a case on its mesh.
+
+    Loads are those of the case in their order, then the weight of each mass under each gravity.
 
     Raises:
         InputError: A region that selects nothing, a body that floats, a bad value.
@@ -95,16 +99,21 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
     build = _Builder(spec.units, mesh)
     material = build.material(spec.material)
     time = spec.time
+    masses = tuple(build.mass(s, f"mass {k}") for k, s in enumerate(spec.mass, 1))
+    loads = [build.load(s, material, f"load {k}") for k, s in enumerate(spec.load, 1)]
+    # After the loads that the case numbers: gravity pulls at the masses too.
+    loads += [build.weight(mass, s) for s in spec.load if s.kind == "gravity" for mass in masses]
     problem = Problem(
         mesh,
         material,
         tuple(build.support(s, f"support {k}") for k, s in enumerate(spec.support, 1)),
-        tuple(build.load(s, material, f"load {k}") for k, s in enumerate(spec.load, 1)),
+        tuple(loads),
         None if time is None else TimeSpan(**time.model_dump()),
         tuple(build.tool(s, folder, f"tool {k}") for k, s in enumerate(spec.tool, 1)),
         tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
         build.start(spec.initial_velocity),
         tuple(build.spring(s, f"spring {k}") for k, s in enumerate(spec.spring, 1)),
+        masses,
     )
     # A motion may be that of a free body.
     if time is None:
@@ -214,6 +223,15 @@ class _Builder:
             )
         except InputError as error:
             raise InputError(f"{what}: {error}") from error
+
+    def mass(self, spec: MassSpec, what: str) -> PointMass:
+        kilograms = self.units.kilograms(spec.mass)
+        _require_usable(np.array([kilograms]), what, "kg")
+        facets = select_facets(self.mesh, spec.region, self.units, what)
+        return PointMass(facets, kilograms, spec.name)
+
+    def weight(self, mass: PointMass, spec: GravitySpec) -> Traction:
+        return mass.weight(self.mesh.points, spec.acceleration, _amplitude(spec.amplitude))
 
     def tool(self, spec: ToolSpec, folder: Path, what: str) -> RigidTool:
         units, drive = self.units, None

@@ -26,6 +26,7 @@ from palpate.validation.case.body_schema import (
 )
 from palpate.validation.case.loading_schema import (
     LoadSpec,
+    MassSpec,
     SpringSpec,
     StartSpec,
     SupportSpec,
@@ -255,6 +256,8 @@ class CaseSpec(Table):
     """Loads that push."""
     spring: tuple[SpringSpec, ...] = ()
     """Springs that pull at a patch of the surface."""
+    mass: tuple[MassSpec, ...] = ()
+    """Masses that hang on the surface: gravity pulls them too, and they are inert in a motion."""
     inclusion: tuple[InclusionSpec, ...] = ()
     """Parts of another material."""
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
@@ -289,6 +292,14 @@ class CaseSpec(Table):
                 f"[truth] {given[0]} is for bodies from files: shape {self.geometry.shape!r} knows "
                 "its own surface"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _masses_are_told_apart(self) -> CaseSpec:
+        names = [mass.name for mass in self.mass if mass.name]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two masses are named {name!r}; give each its own name")
         return self
 
     @model_validator(mode="after")

@@ -12,11 +12,12 @@ from pydantic import BaseModel, ConfigDict
 from palpate.meshes.errors import InputError
 from palpate.validation.exchange.result_files import LENGTH
 
-__all__ = ["DENSITY", "FORCE", "LENGTH", "STRESS", "Units"]
+__all__ = ["DENSITY", "FORCE", "LENGTH", "MASS", "STRESS", "Units"]
 
 FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 STRESS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 DENSITY = {"kg/m3": 1.0, "g/cm3": 1e3}
+MASS = {"kg": 1.0, "g": 1e-3}
 _NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
 # "0.003 m", "(0.1, 0.2, 0.3) m", "[0.1, 0.2, 0.3] m"; no speed, area or volume. Words that are
 # quoted come first: they stay as they are.
@@ -38,6 +39,8 @@ class Units(BaseModel):
     """Unit of moduli, tractions and pressures."""
     density: Literal["kg/m3", "g/cm3"] = "kg/m3"
     """Unit of densities."""
+    mass: Literal["kg", "g"] = "kg"
+    """Unit of a [[mass]]."""
 
     def metres(self, value: float) -> float:
         """Turn a length into metres."""
@@ -100,3 +103,7 @@ class Units(BaseModel):
     def kilograms_per_cubic_metre(self, value: float) -> float:
         """Turn a density into kg/m3."""
         return value * DENSITY[self.density]
+
+    def kilograms(self, value: float) -> float:
+        """Turn a mass into kg."""
+        return value * MASS[self.mass]

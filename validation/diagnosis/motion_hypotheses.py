@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.diagnosis.explanation import (
@@ -170,7 +171,9 @@ def _plain_hypotheses(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, 
 def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
     mass = lumped_mass(body.problem)
     for factor in _FACTORS:
-        yield f"density {in_words(factor)}", Cause.MASS, MotionHypothesis(mass_factor=factor)
+        yield f"density {in_words(factor)}", Cause.MASS, _weighed(body, factor)
+    if body.problem.masses:
+        yield "masses on the surface left out", Cause.MASS, _weighed(body, 1.0, 0.0)
     equal = np.full_like(mass, mass.mean())
     yield "another lumping: every point the same mass", Cause.MASS, MotionHypothesis(mass=equal)
     mesh = body.mesh
@@ -180,11 +183,23 @@ def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]
         block = (np.eye(4) + 1.0) / 20.0
         pairs = (mesh.cells[:, :, None], mesh.cells[:, None, :])
         np.add.at(full, pairs, cell_mass[:, None, None] * block)
+        full += np.diag(mass - _mass_of_cells(body))
         yield (
             "another lumping: the consistent mass matrix",
             Cause.MASS,
             MotionHypothesis(inverse_mass=np.linalg.inv(full)),
         )
+
+
+def _mass_of_cells(body: Body) -> Points:
+    return lumped_mass(replace(body.problem, masses=()))
+
+
+def _weighed(body: Body, of_cells: float, of_masses: float = 1.0) -> MotionHypothesis:
+    """With factors on the density of the cells, and on the masses on the surface."""
+    own = _mass_of_cells(body)
+    hung = lumped_mass(body.problem) - own
+    return MotionHypothesis(mass=of_cells * own + of_masses * hung)
 
 
 def _load_groups(body: Body) -> list[tuple[str, tuple[int, ...]]]:
@@ -228,10 +243,12 @@ def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explana
     assert body.problem.time is not None
     damping = body.problem.time.mass_damping
     numbers: list[tuple[str, Cause, Callable[[float], MotionHypothesis]]] = [
-        ("density", Cause.MASS, lambda c: MotionHypothesis(mass_factor=c)),
+        ("density", Cause.MASS, lambda c: _weighed(body, c)),
         ("stiffness", Cause.MATERIAL, lambda c: MotionHypothesis(stiffness_factor=c)),
         ("length of the time step", Cause.TIME, lambda c: MotionHypothesis(step_factor=c)),
     ]
+    if body.problem.masses:
+        numbers.append(("masses on the surface", Cause.MASS, lambda c: _weighed(body, 1.0, c)))
     if damping:
         numbers.append(("damping", Cause.TIME, lambda c: MotionHypothesis(damping=c * damping)))
     if body.problem.time.stiffness_damping:

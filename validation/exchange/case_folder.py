@@ -175,6 +175,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
         "springs": [_plain(spring) for spring in problem.springs],
+        "masses": [_plain(mass) for mass in problem.masses],
         **describe_conventions(strain, problem.material.law),
     }
 

@@ -290,11 +290,15 @@ def touchable_points(problem: Problem) -> NDArray[np.bool_]:
 
 
 def lumped_mass(problem: Problem) -> Points:
-    """A quarter of each cell's mass to each of its corners [kg], shape (num_points,)."""
+    """A quarter of each cell's mass, and a third of masses' on a facet [kg], (num_points,)."""
     mesh = problem.mesh
     mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(problem)[:, 2]
     lumped: Points = np.zeros(mesh.num_points)
     lumped += np.bincount(mesh.cells.ravel(), np.repeat(mass / 4.0, 4), mesh.num_points)
+    for one in problem.masses:
+        areas = facet_areas(mesh.points, one.facets)
+        thirds = np.repeat(one.mass / areas.sum() * areas / 3.0, 3)
+        lumped += np.bincount(one.facets.ravel(), thirds, mesh.num_points)
     return lumped
 
 

@@ -157,18 +157,17 @@ def _fit(
 
 
 def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
-    """Another mesh of a case's body with its materials; without loads, springs, supports, tools."""
+    """Another mesh of a case's body with its materials; without all that holds it or acts on it."""
+    bare = dataclasses.replace(problem, supports=(), loads=(), springs=(), tools=(), masses=())
     if not problem.inclusions:
-        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), springs=(), tools=())
+        return dataclasses.replace(bare, mesh=mesh)
     case = problem.mesh
     cells = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
     inclusions = tuple(
         Inclusion(np.flatnonzero(np.isin(cells, part.cells)).astype(np.int32), part.material)
         for part in problem.inclusions
     )
-    return dataclasses.replace(
-        problem, mesh=mesh, supports=(), loads=(), springs=(), tools=(), inclusions=inclusions
-    )
+    return dataclasses.replace(bare, mesh=mesh, inclusions=inclusions)
 
 
 def own_reactions(

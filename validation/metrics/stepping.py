@@ -34,7 +34,6 @@ class MotionHypothesis:
         lame: Lamé's parameters by cell; None for those asked for.
         mass: Lumped [kg], (num_points,); None for the right one.
         inverse_mass: Inverse of a full mass matrix [1/kg], (num_points, num_points); None: lumped.
-        mass_factor: Factor of the mass [-].
         stiffness_factor: Factor of the internal force [-].
         load_factors: Factor of each load [-]; None for 1.
         is_other_pressure: Pressures follow the surface where they should not, or the reverse.
@@ -53,7 +52,6 @@ class MotionHypothesis:
     lame: tuple[Array, Array] | None = None
     mass: Points | None = None
     inverse_mass: Array | None = None
-    mass_factor: float = 1.0
     stiffness_factor: float = 1.0
     load_factors: tuple[float, ...] | None = None
     is_other_pressure: bool = False
@@ -138,7 +136,7 @@ class Stepper:
             solved: Points = hypothesis.inverse_mass @ force
             return solved
         mass = self._mass if hypothesis.mass is None else hypothesis.mass
-        return force / (hypothesis.mass_factor * mass[:, None])
+        return force / mass[:, None]
 
     def _speed_at_start(self, fixed: Mask) -> Points:
         """The initial velocity of free components [m/s]."""

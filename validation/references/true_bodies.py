@@ -11,6 +11,7 @@ import dataclasses
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Traction
@@ -151,21 +152,21 @@ def on_moved(specs: Sequence[LoadSpec], units: Units, problem: Problem, mesh: Te
     """A problem on the same cells with moved points; tools keep their paths in space.
 
     Args:
-        specs: The loads as the case says them.
+        specs: The loads as the case says them; loads beyond these are weights of masses.
         units: Units of the case.
         problem: The problem with those loads, in their order.
         mesh: Its mesh with moved points.
     """
     loads = [
         _again(spec, units, load, problem.mesh, mesh)
-        for spec, load in zip(specs, problem.loads, strict=True)
+        for spec, load in zip_longest(specs, problem.loads)
     ]
     return dataclasses.replace(problem, mesh=mesh, loads=tuple(loads))
 
 
-def _again(spec: LoadSpec, units: Units, load: Load, old: TetMesh, new: TetMesh) -> Load:
-    """A load whose force or moment is the case's on the moved facets too."""
-    if isinstance(spec, ForceSpec) and isinstance(load, Traction):
+def _again(spec: LoadSpec | None, units: Units, load: Load, old: TetMesh, new: TetMesh) -> Load:
+    """A load whose force or moment is the case's on the moved facets too; None is a weight."""
+    if isinstance(spec, ForceSpec | None) and isinstance(load, Traction):
         areas = [float(facet_areas(mesh.points, load.facets).sum()) for mesh in (old, new)]
         ratio = areas[0] / areas[1]
         x, y, z = (ratio * t for t in load.traction)

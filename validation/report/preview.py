@@ -74,7 +74,7 @@ def describe_case(case: Case) -> Description:
     about.say("case", f"{case.name}: {case.title}")
     _body(about, case, problem, units)
     _material(about, problem, units)
-    _what_acts(about, problem, units)
+    _what_acts(about, case, problem)
     _costs(about, problem, units)
     _misses(about, case, problem)
     if not case.checks:
@@ -141,7 +141,8 @@ def _material(about: Description, problem: Problem, units: Units) -> None:
         )
 
 
-def _what_acts(about: Description, problem: Problem, units: Units) -> None:
+def _what_acts(about: Description, case: Case, problem: Problem) -> None:
+    units = case.spec.units
     mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
     fixed = _fixed_facets(problem)
     for number, support in enumerate(problem.supports, 1):
@@ -178,11 +179,13 @@ def _what_acts(about: Description, problem: Problem, units: Units) -> None:
         if found.moment.any():
             moment = found.moment / (FORCE[units.force] * scale)
             where += f", moment {_vector(moment)} {units.force} {unit} about its middle"
-        about.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
+        # Beyond the case's loads are the weights of its masses.
+        name = f"load {number}" if number <= len(case.spec.load) else "weight"
+        about.say(name, f"{found.kind} {_vector(force)} {units.force}{where}")
         num_fixed = int(are_among(found.facets, fixed).sum())
         if num_fixed and isinstance(load, Traction):
             about.warnings.append(
-                f"load {number} pushes {num_fixed} facet(s) that are fixed; that part is lost"
+                f"{name} pushes {num_fixed} facet(s) that are fixed; that part is lost"
             )
     if problem.loads:
         about.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
@@ -198,6 +201,16 @@ def _what_acts(about: Description, problem: Problem, units: Units) -> None:
             f"{stiffness:.4g} {units.force}/{unit} over {len(spring.facets)} facets within "
             f"{spring.radius / scale:.4g} {unit} of {_vector(np.array(spring.center) / scale)} "
             f"{unit}, its anchor moved to {_vector(spring.path.end / scale)} {unit}",
+        )
+    for number, mass in enumerate(problem.masses, 1):
+        area = float(facet_areas(mesh.points, mass.facets).sum()) / scale**2
+        size = f"{mass.mass / units.kilograms(1.0):.4g} {units.mass}"
+        over = f"over {len(mass.facets)} facets, {area:.4g} {unit}2"
+        about.say(f"mass {number}", " ".join(filter(None, (mass.name, size, over))))
+    is_heavy = any(load.kind == "gravity" for load in case.spec.load)
+    if problem.masses and problem.time is None and not is_heavy:
+        about.warnings.append(
+            "a [[mass]] does nothing in statics without gravity: add a [[load]] of that kind"
         )
     moves = any(support.is_moved for support in problem.supports)
     start = problem.initial_velocity

@@ -68,6 +68,7 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         "stiffness damping": is_stepped and span["stiffness_damping"] > 0.0,
         "tools": given["tools"],
         "springs": given["springs"],
+        "masses in motion": span and given["masses"],
         "follower pressure": len(job["pressure"]),
         "inclusions": given["has_inclusions"],
         "slanted supports": "sliding_normals" in job,

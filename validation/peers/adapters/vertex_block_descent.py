@@ -38,7 +38,7 @@ _I, _J = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 class Body(ABC):
     """The arrays of a case in motion, and its steps."""
 
-    version, takes = np.__version__, ("inclusions",)
+    version, takes = np.__version__, ("inclusions", "masses in motion")
     starts_at_y = False  # from y, block descent would need a line search or many more iterations
 
     def __init__(self, job: dict[str, Any]) -> None:
