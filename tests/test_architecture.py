@@ -243,8 +243,9 @@ LINES = {
     "reference": (10170, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (44200, "issue 34: what results, models and files may not do"),
     "tests": (
-        53600,
-        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets",
+        54130,
+        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        "issue 36: masses on the surface",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
