@@ -173,6 +173,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "num_inclusions": len(problem.inclusions),
+        "masses": [f"{mass.mass:g} kg" for mass in problem.masses],
         "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
