@@ -243,7 +243,7 @@ LINES = {
     "reference": (10170, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (44200, "issue 34: what results, models and files may not do"),
     "tests": (
-        54200,
+        54260,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "issue 36: masses on the surface",
     ),

@@ -20,6 +20,7 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.files import read_result_arrays
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
 from palpate.meshes.rigid_tool import BoxShape, ForceDrive, RigidTool, SphereShape, ToolPath
@@ -199,6 +200,44 @@ def test_steps_tools_and_refusals_are_the_same_on_two_ranks(on_one_and_two, tmp_
     assert np.abs(alone["felt"]).max() > 0.1
     for name, values in alone.items():
         assert np.abs(both[name] - values).max() < 1e-10 * np.abs(values).max(), name
+
+
+MASSES = """
+import sys
+import numpy as np
+from palpate.meshes.problem_files import load_problem
+from palpate.reference.dynamics import simulate_implicit
+from palpate.reference.fenicsx import COMM
+from palpate.reference.stepping import simulate_explicit
+
+problem = load_problem(sys.argv[1])
+explicit, implicit = simulate_explicit(problem), simulate_implicit(problem, degree=2)
+if COMM.rank == 0:
+    np.savez(
+        sys.argv[2],
+        size=COMM.size,
+        explicit=explicit.displacements,
+        implicit=implicit.displacements,
+        kinetic=implicit.kinetic_energies,
+    )
+"""
+
+
+@pytest.mark.long
+def test_masses_on_the_surface_move_the_same_on_two_ranks(on_one_and_two, tmp_path, box):
+    mesh = long_box(box)
+    masses = (
+        PointMass(mesh.facet_groups["x1"], 6.0),
+        PointMass(np.vstack([mesh.facet_groups["z1"], mesh.facet_groups["x1"]]), 4.0),
+    )
+    weights = tuple(mass.weight(mesh.points, (0.0, 0.0, -2.0)) for mass in masses)
+    fixed, time = (support(mesh, "x0"),), TimeSpan(0.05, 1e-3, num_outputs=2)
+    problem = Problem(mesh, Material(2e4, 0.4, 1e3), fixed, weights, time, masses=masses)
+    save_problem(tmp_path / "problem.npz", problem)
+    alone, both = on_one_and_two(MASSES, str(tmp_path / "problem.npz"))
+    for name, values in alone.items():
+        assert np.abs(values).max() > 1e-4
+        assert np.abs(both[name] - values).max() < 1e-9 * np.abs(values).max(), name
 
 
 @pytest.mark.long
