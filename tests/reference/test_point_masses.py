@@ -23,6 +23,7 @@ from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.reference.availability import is_available
 
 if is_available():
+    from palpate.reference.audit import audit_displacement
     from palpate.reference.dynamics import simulate_implicit
     from palpate.reference.motion import MovingBody
     from palpate.reference.schemes import Integrator
@@ -80,6 +81,10 @@ def test_the_same_equilibrium_and_the_weight_in_the_support(
     assert apart(mine.displacement, theirs.displacement) < 1e-12
     reaction = theirs.support_forces.sum(axis=0)
     assert reaction == pytest.approx(-360.0 * np.array(G), rel=1e-9, abs=1e-6)
+    audited = audit_displacement(
+        problem, mine.displacement, strain=strain, degree=1, element=element
+    )
+    assert audited.displacement_error < 1e-7
     weightless = dataclasses.replace(problem, loads=problem.loads[:1])
     without = fast_static(weightless, strain=strain, element=element).displacement
     assert apart(without, mine.displacement) > 0.1
