@@ -12,7 +12,7 @@ class ToolInsideError(ToolError):
     Attributes:
         tool: Number of the tool, from 0.
         depth: How deep its deepest vertex is [m]; infinite where the tool is inside as a whole.
-        allowed: How deep it may be at the start [m].
+        allowed: How deep it may be at the start [m]; 0 for an average over facets.
         position: Position of that vertex, or of the tool's point that is inside [m].
     """
 
@@ -25,10 +25,14 @@ class ToolInsideError(ToolError):
         self.position = position
         where = ", ".join(f"{x:.4g}" for x in position)
         how = "has its middle in the body" if depth == float("inf") else f"is {depth:.3g} m deep"
-        super().__init__(
-            f"tool {tool + 1} {how} at the start, at ({where}) m; at most {allowed:.3g} m is "
-            "allowed (a tenth of the edges there): begin its path outside of the body"
+        why = (
+            f"at most {allowed:.3g} m is allowed (a tenth of the edges there): begin its path "
+            "outside of the body"
+            if allowed > 0.0
+            else "so deep is the average over the facets there: begin its path farther out, or "
+            "make the facets smaller beside the tool"
         )
+        super().__init__(f"tool {tool + 1} {how} at the start, at ({where}) m; {why}")
 
 
 class ToolTooSmallError(ToolError):

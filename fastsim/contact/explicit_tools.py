@@ -22,13 +22,13 @@ from palpate.fastsim.contact.contact_law import (
     require_larger_than_gaps,
     require_outside,
 )
-from palpate.fastsim.contact.errors import FacetContactError, ToolTooFastError
-from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
+from palpate.fastsim.contact.errors import FacetContactError, ToolInsideError, ToolTooFastError
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path, poses_at
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import ContactRule, RigidTool
+from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool
 
 # As in core/explicit/contact.hpp: the prescribed pose of a tool at a time, and the loads on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
@@ -51,20 +51,30 @@ def _is_over_facets(tool: RigidTool) -> bool:
 
 
 def _require_known_to_motions(problem: Problem, law: ContactLaw | None) -> None:
-    """Over facets the constraints of neighbours are coupled, and friction with them."""
+    """Refuse what is known at vertices only."""
     is_constraint = law is not None and law.form is ContactForm.CONSTRAINT
     for number, tool in enumerate(problem.tools):
         if not _is_over_facets(tool):
             continue
-        for is_so, what in (
-            (
-                is_constraint,
-                "in motion it is a penalty, and the constraint is known at vertices only",
-            ),
-            (tool.friction_coefficient > 0.0, "motions know friction at vertices only"),
-        ):
-            if is_so:
-                raise FacetContactError(number, what)
+        if is_constraint and isinstance(tool.shape, BoxShape):
+            raise FacetContactError(
+                number, "the constraint beside a box is known at vertices only, the penalty at both"
+            )
+        if tool.friction_coefficient > 0.0:
+            raise FacetContactError(number, "motions know friction at vertices only")
+
+
+def _require_averages_outside(contact: ToolContact, number: int, displacement: Points) -> None:
+    """Refuse averages over facets that the first step would push out at once.
+
+    Of a tool that is small beside the facets they are negative before it touches.
+    """
+    pose = poses_at(contact.tool.path, contact.tool.path.times[:1])[0]
+    averages = contact.sampling.averaged(contact.gaps(displacement, pose).distances[:, None])
+    if averages.size and averages.min() < 0.0:
+        worst = int(np.argmin(averages))
+        x, y, z = contact.vertex_positions(displacement)[worst].tolist()
+        raise ToolInsideError(number, -float(averages[worst, 0]), 0.0, (x, y, z))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +107,7 @@ class ExplicitTools:
     Args:
         problem: With tools.
         law: How contact is enforced; None is the constraint, or the penalty for a tool that is
-            driven by a force or has contact over facets, where it is integrated.
+            driven by a force, or for a box with contact over facets.
         mass: Lumped [kg], shape (num_points,).
         critical_time_step: Critical time step of the body alone [s].
         time_step: Chosen step [s], or None.
@@ -108,7 +118,8 @@ class ExplicitTools:
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
-        FacetContactError: Contact over facets with the constraint or with friction.
+        FacetContactError: Contact over facets with friction, or of a box with the constraint.
+        ToolInsideError: On `start`, a tool that is in the body, or averages over facets that are.
     """
 
     def __init__(
@@ -128,8 +139,10 @@ class ExplicitTools:
         self.contacts = [ToolContact(problem, tool) for tool in problem.tools]
         self.stiffnesses: list[float | None] = []
         for contact in self.contacts:
-            driven, over_facets = contact.tool.drive is not None, _is_over_facets(contact.tool)
-            is_penalty = driven or over_facets
+            driven = contact.tool.drive is not None
+            is_penalty = driven or (
+                _is_over_facets(contact.tool) and isinstance(contact.tool.shape, BoxShape)
+            )
             chosen = law or ContactLaw(
                 ContactForm.PENALTY if is_penalty else ContactForm.CONSTRAINT
             )
@@ -185,6 +198,19 @@ class ExplicitTools:
             direction = (0.0, 0.0, 0.0) if drive is None else drive.direction
             tool_mass = 0.0 if drive is None else drive.mass
             reach = deepest if np.isfinite(deepest) else 0.0
+            if k is None and _is_over_facets(tool):
+                sampling = contact.sampling
+                run.add_constraint_over_facets(
+                    contact.shape,
+                    reach=reach,
+                    deepest=deepest,
+                    points=rest,
+                    facets=np.ascontiguousarray(sampling.patches),
+                    facet_areas=sampling.patch_areas,
+                    constraints=sampling.constraints,
+                    areas=sampling.areas,
+                )
+                continue
             if k is not None and _is_over_facets(tool):
                 run.add_tool_over_facets(
                     contact.shape,
@@ -215,6 +241,8 @@ class ExplicitTools:
         self._paths = [core_path(contact.tool.path) for contact in self.contacts]
         for number, contact in enumerate(self.contacts):
             require_outside(self._problem, contact, number, displacement)
+            if self.stiffnesses[number] is None and _is_over_facets(contact.tool):
+                _require_averages_outside(contact, number, displacement)
 
     def goal(
         self, number: int, position: ArrayLike, rotation: ArrayLike | None

@@ -185,6 +185,19 @@ void bind_explicit_run(nb::module_ &module) {
             nb::arg("direction"), nb::arg("mass"), nb::arg("points").noconvert(),
             nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert())
         .def(
+            "add_constraint_over_facets",
+            [](Run &run, const ToolShape &shape, double reach, double deepest, GivenPoints points,
+               GivenFacets facets, GivenColumn<double> facet_areas, GivenFacets constraints,
+               GivenColumn<double> areas) {
+                run.add_constraint_over_facets(
+                    {shape, true, 0.0, reach, deepest, {}, 0.0}, as_span(points), as_span(facets),
+                    as_span(facet_areas), as_span(constraints), as_span(areas));
+            },
+            nb::arg("shape"), nb::kw_only(), nb::arg("reach"), nb::arg("deepest"),
+            nb::arg("points").noconvert(), nb::arg("facets").noconvert(),
+            nb::arg("facet_areas").noconvert(), nb::arg("constraints").noconvert(),
+            nb::arg("areas").noconvert())
+        .def(
             "set_self_contact",
             [](Run &run, GivenPoints points, GivenCells cells, GivenColumn<Index> vertices,
                GivenFacets facets, GivenColumn<Index> parts, GivenColumn<double> stiffnesses,

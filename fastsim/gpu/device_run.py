@@ -168,6 +168,8 @@ class DeviceRun:
         """Only the core has it."""
         raise UnsupportedOnDeviceError("contact over facets", self._device)
 
+    add_constraint_over_facets = add_tool_over_facets
+
     def set_self_contact(self, *args: object, **kwargs: object) -> None:  # noqa: ARG002
         """Only the core has it."""
         raise UnsupportedOnDeviceError("contact of a body with itself", self._device)

@@ -9,8 +9,13 @@ with the gap g and the normal n at the position without contact, W = 0 along fix
 Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
 contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
 
-Friction is the force -W^-1 s that cancels the sliding s of the node along the tool in the step, or
-mu |p n| in that direction where it is less.
+Over facets (`ContactRule`) the constraints of neighbours share nodes, and their multipliers hang
+together: p >= 0, g + G W G^T p >= 0, and one of them 0 for each constraint, with the average gaps g
+and their gradients G at the positions without contact. As G W G^T = L L^T, p is the least squares
+solution of L^T p = -L^-1 g with p >= 0. The correction is W G^T p, to first order in G.
+
+Friction, at vertices only, is the force -W^-1 s that cancels the sliding s of the node along the
+tool in the step, or mu |p n| in that direction where it is less.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool, ToolError
+from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool
 from palpate.reference import fenicsx
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_contact import contact_rule, require_outside
@@ -42,7 +47,7 @@ class SteppedTools:
 
     Raises:
         InputError: A tool is driven by a force, or inside the body at the start.
-        ToolError: A tool has contact over facets.
+        ToolError: Contact over facets with friction or with a box.
     """
 
     def __init__(
@@ -50,7 +55,9 @@ class SteppedTools:
     ) -> None:
         loose = mobility.copy()
         loose[fixed] = 0.0
+        # Those at vertices first: the others see what they have pushed.
         self._tools = [_SteppedTool(tool, space, fixed, loose) for tool in problem.tools]
+        self._order = sorted(self._tools, key=lambda tool: tool.is_averaged)
         self._steps = 0
 
     def require_outside(self, displacement: Floats) -> None:
@@ -70,7 +77,7 @@ class SteppedTools:
             dt: Length of the step [s].
         """
         self._steps += 1
-        for tool in self._tools:
+        for tool in self._order:
             ahead = tool.keep_out(now, ahead, time, dt)
         for tool in self._tools:
             tool.see(ahead, time)
@@ -96,14 +103,12 @@ class _SteppedTool:
                 'multipliers hang together; ask checks against = "truth", solve by degree 2, or '
                 "give the path"
             )
-        if contact_rule(tool, space.degree) is ContactRule.FACETS:
-            raise ToolError(
-                'explicit steps have no contact = "facets", whose multipliers depend on one '
-                'another; set contact = "vertices", or take implicit steps'
-            )
-        self._tool = tool
+        rule = contact_rule(tool, space.degree)
+        self.is_averaged = rule is ContactRule.FACETS
         self._is_rough = tool.friction_coefficient > 0.0
-        self._points = find_contact_points(space, tool.contact_facets, fixed)
+        self._tool = tool
+        self._points = find_contact_points(space, tool.contact_facets, fixed, rule=rule)
+        self._loose = mobility
         self._mobility = mobility.reshape(-1, 3)[self._points.nodes]
         self._is_free = np.ptp(self._mobility, axis=1) <= 1e-12 * self._mobility.max(axis=1)
         self._came_from: Points | None = None
@@ -117,12 +122,14 @@ class _SteppedTool:
             half_widths = np.asarray(self._tool.shape.half_widths)
             self._came_from = seen_at(local, half_widths, self._came_from)
 
-    def gaps(self, displacement: Floats, time: float) -> Points:
+    def gaps(self, displacement: Floats, time: float) -> Floats:
         position, rotation = self._tool.path.pose_at(time)
         positions = self._points.positions(displacement)
-        return tool_distance(self._tool.shape, position, rotation, positions).gap
+        return self._points.gaps(tool_distance(self._tool.shape, position, rotation, positions).gap)
 
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
+        if self.is_averaged:
+            return self._keep_averages_out(ahead, time)
         position, rotation = self._tool.path.pose_at(time)
         positions = self._points.positions(ahead)
         forces, normals = np.zeros_like(positions), np.zeros_like(positions)
@@ -151,6 +158,51 @@ class _SteppedTool:
         out[self._points.nodes] = positions - self._points.rest
         flat: Floats = out.ravel()
         return flat
+
+    def _keep_averages_out(self, ahead: Floats, time: float) -> Floats:
+        position, rotation = self._tool.path.pose_at(time)
+        positions = self._points.positions(ahead)
+        at = tool_distance(self._tool.shape, position, rotation, positions)
+        gaps = self._points.gaps(at.gap)
+        if not (gaps < 0.0).any():
+            return ahead
+        dofs, slopes = self._points.gradients(at.normal)
+        push = np.zeros_like(ahead)
+        active = gaps < 0.0
+        while True:
+            rows = np.flatnonzero(active)
+            push[:] = 0.0
+            for row, p in zip(rows, self._multipliers(rows, gaps, dofs, slopes), strict=True):
+                np.add.at(push, dofs[row], p * slopes[row])
+            moved = self._loose * push
+            after = [gaps[k] + slopes[k] @ moved[dofs[k]] for k in range(len(gaps))]
+            inside = ~active & (np.array(after) < 0.0)
+            if not inside.any():
+                break
+            active |= inside
+        self.sum_of_forces -= push.reshape(-1, 3).sum(axis=0)
+        out: Floats = ahead + moved
+        return out
+
+    def _multipliers(
+        self, rows: Indices, gaps: Floats, dofs: list[Indices], slopes: list[Floats]
+    ) -> Floats:
+        """Multipliers [N] of some constraints, the others 0, shape (len(rows),)."""
+        from scipy.linalg import solve_triangular
+        from scipy.optimize import nnls
+
+        reached, column = np.unique(np.concatenate([dofs[k] for k in rows]), return_inverse=True)
+        gradient = np.zeros((len(rows), len(reached)))
+        number = np.repeat(np.arange(len(rows)), [len(dofs[k]) for k in rows])
+        np.add.at(gradient, (number, column), np.concatenate([slopes[k] for k in rows]))
+        multipliers = np.zeros(len(rows))
+        give = gradient**2 @ self._loose[reached]
+        some = np.flatnonzero(give > 0.0)
+        gradient = gradient[some]
+        factor = np.linalg.cholesky((gradient * self._loose[reached]) @ gradient.T)
+        right = solve_triangular(factor, -gaps[rows[some]], lower=True)
+        multipliers[some], _ = nnls(factor.T, right)
+        return multipliers
 
     def _drag(
         self,

@@ -40,6 +40,20 @@ void RigidTools<Real>::add_over_facets(const TouchSettings &settings, const Poin
     }
 }
 
+template <typename Real>
+void RigidTools<Real>::add_constraint_over_facets(const TouchSettings &settings,
+                                                  FacetConstraint<Real> constraint) {
+    _tools.push_back({settings, {}});
+    _tools.back().constraint.emplace(std::move(constraint));
+    for (std::vector<Reaction> &reactions : _reactions)
+        reactions.resize(_tools.size());
+}
+
+template <typename Real> bool RigidTools<Real>::has_constraints_over_facets() const {
+    return std::ranges::any_of(_tools,
+                               [](const Tool &tool) { return tool.constraint.has_value(); });
+}
+
 template <typename Real> bool RigidTools<Real>::has_facets() const {
     return std::ranges::any_of(_tools, [](const Tool &tool) { return !tool.facets.empty(); });
 }
@@ -76,6 +90,10 @@ template <typename Real> Pose RigidTools<Real>::Tool::after(const ToolStep &step
     // What pushes a driven tool is not known before it has touched: as fast as in the last step.
     const double ahead = offset + increment;
     return {along(step.pose.position, settings.direction, ahead), step.pose.rotation};
+}
+
+template <typename Real> bool RigidTools<Real>::Tool::is_known(const Reaction &found) const {
+    return found.gap >= -settings.deepest && found.fastest <= 0.5 * settings.deepest;
 }
 
 namespace {
@@ -115,14 +133,36 @@ RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<co
                                         tool.after(next[t]), motion, push, thread);
         if (thread == 0 && !tool.facets.empty())
             reaction = tool.on_facets;
-        is_known = is_known && reaction.gap >= -tool.settings.deepest &&
-                   reaction.fastest <= 0.5 * tool.settings.deepest;
+        is_known = is_known && tool.is_known(reaction);
     }
     const auto &on_facets = facets.touched[0]; // ascending
     const auto first = std::ranges::lower_bound(on_facets, 4 * portion.first_owned);
     const auto last = std::ranges::lower_bound(on_facets, 4 * portion.last_owned);
     const double ahead =
         work_ahead<Real>(touched, push, motion) + work_ahead<Real>({first, last}, facets, motion);
+    return {is_known, 0.5 * (std::abs(behind) + std::abs(ahead))};
+}
+
+template <typename Real>
+typename RigidTools<Real>::Touched
+RigidTools<Real>::constrain(std::span<const ToolStep> now, std::span<const ToolStep> next,
+                            Motion<Real> &motion, Push<Real> &push) {
+    const double behind = push.clear(0, motion);
+    std::vector<std::size_t> &touched = push.touched[0];
+    touched.clear();
+    bool is_known = true;
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Tool &tool = _tools[t];
+        if (!tool.constraint)
+            continue;
+        Reaction &reaction = _reactions[0][t];
+        reaction = tool.constraint->touch(tool.settings, tool.at(now[t]), tool.after(next[t]),
+                                          motion, push);
+        is_known = is_known && tool.is_known(reaction) && tool.constraint->is_solved();
+    }
+    std::ranges::sort(touched);
+    touched.erase(std::ranges::unique(touched).begin(), touched.end());
+    const double ahead = work_ahead<Real>(touched, push, motion);
     return {is_known, 0.5 * (std::abs(behind) + std::abs(ahead))};
 }
 

@@ -2,9 +2,11 @@
 // Contact in an explicit run: rigid tools with their own motion, and the body with itself.
 
 #include "contact/body_touch.hpp"
+#include "explicit/facet_constraint.hpp"
 #include "explicit/tool_touch.hpp"
 
 #include <memory>
+#include <optional>
 #include <utility>
 
 namespace fastsim {
@@ -36,8 +38,12 @@ template <typename Real> class RigidTools {
     void add_over_facets(const TouchSettings &settings, const PointRecords &records,
                          std::span<const double> points, std::span<const Index> facets,
                          std::span<const double> stiffnesses);
+    /// A tool with the constraint over facets, whose corners have constraints of some areas [m2].
+    void add_constraint_over_facets(const TouchSettings &settings,
+                                    FacetConstraint<Real> constraint);
     std::size_t size() const { return _tools.size(); }
     bool has_facets() const;
+    bool has_constraints_over_facets() const;
 
     /// Each at the begin of its path, at rest.
     void reset();
@@ -52,6 +58,9 @@ template <typename Real> class RigidTools {
     Touched touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
                   std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push,
                   const Push<Real> &facets);
+    /// The forces of constraints over facets, by one thread after all others are known.
+    Touched constrain(std::span<const ToolStep> now, std::span<const ToolStep> next,
+                      Motion<Real> &motion, Push<Real> &push);
 
     /// Once all threads have touched: what acts on each tool.
     void sum_reactions();
@@ -65,12 +74,14 @@ template <typename Real> class RigidTools {
         TouchSettings settings;
         std::vector<TouchVertex> vertices; // ascending entries
         std::vector<TouchFacet> facets{};  // of a tool that touches these instead
+        std::optional<FacetConstraint<Real>> constraint{};
         double offset = 0.0, increment = 0.0;
         Reaction reaction{}, on_facets{};
         Point impulse{};
 
         Pose at(const ToolStep &step) const;
         Pose after(const ToolStep &step) const;
+        bool is_known(const Reaction &found) const;
     };
     std::vector<Tool> _tools;
     std::vector<std::vector<Reaction>> _reactions; // by thread, of each tool

@@ -32,8 +32,7 @@ void EnergyBalance<Real>::add(std::size_t thread, const Portion &portion,
     for (std::size_t point = portion.first_owned; point < portion.last_owned; ++point)
         for (std::size_t i = 4 * point; i < 4 * point + 3; ++i)
             if (motion.is_free[i] != 0) {
-                const double load = static_cast<double>(motion.external[i]) +
-                                    pushes.before_tools(i) + pushes.tools.at(i);
+                const double load = static_cast<double>(motion.external[i]) + pushes.total(i);
                 add_entry(i, load, static_cast<double>(motion.increment_ahead(i)));
             }
     for (const auto &support : supports.of(thread))

@@ -109,6 +109,17 @@ template <typename Real> class Run final : public ExplicitRun {
         _pushes.facets.force.assign(4 * _records.size(), Real(0));
     }
 
+    void add_constraint_over_facets(const TouchSettings &settings, std::span<const double> points,
+                                    std::span<const Index> facets,
+                                    std::span<const double> facet_areas,
+                                    std::span<const Index> constraints,
+                                    std::span<const double> areas) override {
+        _tools.add_constraint_over_facets(
+            settings, {_records, points, facets, facet_areas, constraints, areas});
+        _pushes.tools.force.assign(4 * _records.size(), Real(0));
+        _pushes.constraints.force.assign(4 * _records.size(), Real(0));
+    }
+
     void set_self_contact(std::unique_ptr<BodyTouch> touch,
                           std::span<const double> points) override {
         _self_contact.set(std::move(touch), points);
@@ -186,8 +197,8 @@ template <typename Real> class Run final : public ExplicitRun {
         for (std::size_t i = 0; i < _records.size(); ++i)
             for (std::size_t j = 0; j < 3; ++j) {
                 const std::size_t at = 4 * _records.record_of[i] + j;
-                force[3 * i + j] =
-                    _pushes.tools.at(at) + _pushes.facets.at(at) + _pushes.body.at(at);
+                force[3 * i + j] = _pushes.tools.at(at) + _pushes.facets.at(at) +
+                                   _pushes.body.at(at) + _pushes.constraints.at(at);
             }
     }
 
@@ -247,6 +258,16 @@ template <typename Real> class Run final : public ExplicitRun {
                              _pushes.tools, _pushes.facets);
             _touches[thread].is_known = touched.is_known;
             _monitor.give(thread, touched.given);
+        }
+        if (_tools.has_constraints_over_facets()) {
+            _team.wait(); // all other forces are known
+            if (thread == 0) {
+                const auto touched = _tools.constrain(plan.tools_at(step), plan.tools_at(step + 1),
+                                                      _motion, _pushes.constraints);
+                _touches[0].is_known = _touches[0].is_known && touched.is_known;
+                _monitor.give(0, touched.given);
+            }
+            _team.wait();
         }
         return StopReason::none;
     }

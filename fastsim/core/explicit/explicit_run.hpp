@@ -81,6 +81,13 @@ class ExplicitRun {
     virtual void add_tool_over_facets(const TouchSettings &settings, std::span<const double> points,
                                       std::span<const Index> facets,
                                       std::span<const double> stiffnesses) = 0;
+    /// A tool with the constraint over facets; see FacetConstraint.
+    virtual void add_constraint_over_facets(const TouchSettings &settings,
+                                            std::span<const double> points,
+                                            std::span<const Index> facets,
+                                            std::span<const double> facet_areas,
+                                            std::span<const Index> constraints,
+                                            std::span<const double> areas) = 0;
     virtual void set_self_contact(std::unique_ptr<BodyTouch> touch,
                                   std::span<const double> points) = 0;
     virtual void set_mass_damping(double mass_damping) = 0;

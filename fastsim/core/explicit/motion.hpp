@@ -64,13 +64,17 @@ template <typename Real> struct Push {
 };
 
 template <typename Real> struct Pushes {
-    Push<Real> pressure, springs, body, facets, tools; // facets: of tools on these
+    // Facets: of tools' penalties on these. Constraints: of tools on facets, a step ahead.
+    Push<Real> pressure, springs, body, facets, tools, constraints;
 
-    std::array<Push<Real> *, 5> all() { return {&pressure, &springs, &body, &facets, &tools}; }
+    std::array<Push<Real> *, 6> all() {
+        return {&pressure, &springs, &body, &facets, &tools, &constraints};
+    }
     /// Of those that do not depend on what is ahead [N].
     double before_tools(std::size_t i) const {
         return pressure.at(i) + springs.at(i) + body.at(i) + facets.at(i);
     }
+    double total(std::size_t i) const { return before_tools(i) + tools.at(i) + constraints.at(i); }
 };
 
 } // namespace fastsim

@@ -1,5 +1,6 @@
 #include "explicit/tool_touch.hpp"
 
+#include "explicit/facet_points.hpp"
 #include "predicates/vector_algebra.hpp"
 
 #include <algorithm>
@@ -145,22 +146,6 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
 }
 
 namespace {
-
-// Barycentric coordinates (a, b, b) and its rotations in each quarter of a triangle, over its own:
-// a = 2/3, b = 1/6, exact for products of two shape functions.
-std::array<Point, 12> make_facet_points() {
-    constexpr std::array<std::array<Point, 3>, 4> quarters{
-        {{{{1, 0, 0}, {0.5, 0.5, 0}, {0.5, 0, 0.5}}},
-         {{{0, 1, 0}, {0, 0.5, 0.5}, {0.5, 0.5, 0}}},
-         {{{0, 0, 1}, {0.5, 0, 0.5}, {0, 0.5, 0.5}}},
-         {{{0.5, 0.5, 0}, {0, 0.5, 0.5}, {0.5, 0, 0.5}}}}};
-    std::array<Point, 12> points{};
-    for (std::size_t q = 0; q < 12; ++q)
-        for (std::size_t c = 0; c < 3; ++c)
-            points[q] = along(points[q], quarters[q / 3][c], c == q % 3 ? 2.0 / 3.0 : 1.0 / 6.0);
-    return points;
-}
-const std::array<Point, 12> facet_points = make_facet_points();
 
 /// Whether the middle of a triangle is farther out than from its corners, in the tool's frame: a
 /// distance changes by no more than the way.
