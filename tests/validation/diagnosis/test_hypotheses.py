@@ -1,0 +1,183 @@
+"""Mistakes that are tried, one by one: what each means in numbers known by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from bank import loaded_bar
+from judged import case_of, solved, state_of
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import BodyForce
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Strain, TimeSpan
+from palpate.validation.diagnosis import diagnose
+from palpate.validation.diagnosis.explanation import in_words
+from palpate.validation.diagnosis.law_checks import seeded_mistakes
+from palpate.validation.diagnosis.law_simulators import deformations, example_material
+from palpate.validation.diagnosis.motion_hypotheses import _misfit, motion_hypotheses
+from palpate.validation.diagnosis.result_hypotheses import result_hypotheses
+from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses, tool_force_hypotheses
+from palpate.validation.metrics.body import body_of
+from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
+
+GREEN = Strain.GREEN
+
+
+def test_lames_parameters_as_mistakes_have_them() -> None:
+    """Of lmbda = 2 and mu = 3: E = 3 (6 + 6) / 5 = 7.2, K = 2 + 2, plane stress 12 / 8."""
+    expected = {
+        "Lamé's parameters exchanged": (3.0, 2.0),
+        "bulk modulus instead of Lamé's lmbda": (4.0, 3.0),
+        "mu instead of 2 mu": (2.0, 1.5),
+        "4 mu instead of 2 mu": (2.0, 6.0),
+        "Young's modulus instead of mu": (2.0, 7.2),
+        "lmbda of plane stress": (1.5, 3.0),
+        "lmbda left out": (0.0, 3.0),
+        "Young's modulus and the shear modulus taken for lmbda and mu": (7.2, 3.0),
+    }
+    found = lame_hypotheses(2.0, 3.0)
+    assert set(expected) <= set(found)
+    for name, pair in expected.items():
+        assert tuple(map(float, found[name])) == pytest.approx(pair), name
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (0.0, "left out"),
+        (-1.0, "reversed"),
+        (2.0, "counted twice"),
+        (0.5, "halved"),
+        (1e3, "1000 times too large"),
+        (-1e-3, "1000 times too small and reversed"),
+        (1.25, "1.25 times what was asked"),
+        (-0.5, "-0.5 times what was asked"),
+    ],
+)
+def test_a_factor_in_words(factor: float, words: str) -> None:
+    assert in_words(factor) == words
+
+
+def test_deformations_go_from_three_tenths_to_three_in_order() -> None:
+    for kind in ("uniaxial", "volumetric"):
+        of = np.linalg.det(deformations(Law.NEO_HOOKEAN)[kind])
+        assert (np.diff(of) > 0.0).all()
+        assert of[[0, -1]] == pytest.approx([0.3, 3.0])
+
+
+def test_the_seeded_anisotropy_is_a_tenth_along_one_axis() -> None:
+    material = example_material(Law.SAINT_VENANT_KIRCHHOFF)
+    law: Any = SimpleNamespace(stress=lambda F: np.ones_like(F))
+    (seeded,) = [s for s in seeded_mistakes(law, material) if "along x" in s.name]
+    assert np.array_equal(seeded.stress(np.eye(3)[None]), [[[1.1, 1.0, 1.0]] * 3])
+
+
+def swinging() -> Any:
+    """A bar under a weight that grows over the first half, and falls back."""
+    problem = loaded_bar((3, 1, 1))
+    ramp = TabularAmplitude((0.0, 0.02, 0.04), (0.0, 1.0, 0.2))
+    times = TimeSpan(0.04, time_step=1e-3, num_outputs=8, mass_damping=3.0)
+    problem = replace(problem, loads=(BodyForce((0.0, 200.0, -600.0), ramp),), time=times)
+    run = simulate(problem)
+    return problem, run, Stepper(body_of(problem, GREEN), run.time_step, run.num_steps // 8, 8)
+
+
+def test_the_stepper_makes_the_steps_of_the_equations() -> None:
+    _, run, stepper = swinging()
+    states = np.array(list(stepper.outputs(MotionHypothesis())))
+    largest = np.abs(run.displacements).max()
+    assert np.abs(states - run.displacements[1:]).max() < 1e-9 * largest
+
+
+@pytest.mark.parametrize("late", [-1, 1])
+def test_states_that_come_a_step_early_or_late(late: int) -> None:
+    """As many outputs; each is the state of a step later, or before."""
+    _, run, stepper = swinging()
+    every = stepper.per_output
+    each = replace(stepper, per_output=1, num_outputs=run.num_steps + 1)
+    steps = list(each.outputs(MotionHypothesis()))
+    states = list(stepper.outputs(MotionHypothesis(late=late)))
+    assert len(states) == 8
+    for number, state in enumerate(states, start=1):
+        assert np.array_equal(state, steps[number * every - late - 1])
+
+
+def test_the_distance_of_a_motion_is_over_its_largest_displacement() -> None:
+    _, _, stepper = swinging()
+    states = np.array(list(stepper.outputs(MotionHypothesis())))
+    assert _misfit(stepper, MotionHypothesis(), 2.0 * states, None) == pytest.approx(0.5, rel=1e-12)
+    assert _misfit(stepper, MotionHypothesis(), 0.0 * states, None) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "hypothesis"),
+    [
+        ("damping reversed in sign", MotionHypothesis(damping=-3.0)),
+        ("damping left out", MotionHypothesis(damping=0.0)),
+        ("every state stored one step late", MotionHypothesis(late=-1)),
+        ("every state stored one step early", MotionHypothesis(late=1)),
+        ("semi-implicit Euler steps", MotionHypothesis(is_semi_implicit=True)),
+    ],
+)
+def test_a_motion_with_a_mistake_is_that_of_its_hypothesis(
+    name: str, hypothesis: MotionHypothesis
+) -> None:
+    _, run, stepper = swinging()
+    states = np.concatenate([run.displacements[:1], list(stepper.outputs(hypothesis))])
+    fitting = [e.name for e in motion_hypotheses(stepper, states) if e.fits]
+    assert fitting == [name]
+
+
+def test_motions_at_other_times_are_compared_by_their_largest_distance() -> None:
+    """A point that goes at one speed, another at half of it; everything comes an output late."""
+    speed = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    reference = np.arange(6.0)[:, None, None] * speed
+    fields = np.concatenate([reference[:1], reference[:-1]])
+    found = {e.name: e.residual for e in result_hypotheses(fields, reference, np.zeros((2, 3)))}
+    assert found["time shifted: 1 output late"] == 0.0
+    assert found["time shifted: 1 output early"] == pytest.approx(2.0 / 5.0)
+    assert found["time shifted: 2 outputs late"] == pytest.approx(1.0 / 5.0)
+
+
+def test_forces_of_tools_are_explained_only_where_the_displacement_is_right() -> None:
+    force, u = np.array([[0.0, 0.0, 2.0]]), np.ones((4, 3))
+    theirs: Any = SimpleNamespace(tool_forces=force, displacement=u, max_displacement=1.0)
+
+    def found(factor: float, apart: float) -> list[tuple[str, int]]:
+        ours: Any = SimpleNamespace(tool_forces=factor * force, displacement=u + apart)
+        return [(e.name, e.complexity) for e in tool_force_hypotheses(ours, theirs)]
+
+    assert found(-1.0, 0.0) == [("force on the tools reversed", 1)]
+    assert found(1.37, 0.0) == [
+        ("force on the tools 1.37 times what was asked: the stiffness, or the unit of force", 2)
+    ]
+    assert found(-1.0, 0.1) == []
+
+
+def test_a_right_result_is_said_to_satisfy_the_equations_or_to_be_another_equilibrium() -> None:
+    problem = case_of("block").problem
+    right = solved(problem)
+    uneven = 1.0 + 0.1 * np.arange(problem.mesh.num_points)[:, None] % 0.7
+    other = state_of(problem, uneven * right.displacement)
+    for reference, says in ((None, "kept on this mesh"), (other, "another equilibrium")):
+        first = diagnose(problem, right, reference).first
+        assert first is not None
+        assert says in first.name
+
+
+def test_only_few_points_are_said_to_be_where_the_equations_fail() -> None:
+    problem = case_of("beam").problem
+    right = solved(problem).displacement
+    free = np.flatnonzero(body_of(problem, GREEN).free.any(axis=1))
+    rng = np.random.default_rng(3)
+    for count, is_said in ((1, True), (len(free), False)):
+        moved = right.copy()
+        moved[free[:count]] += 1e-3 * rng.standard_normal((count, 3)) * np.abs(right).max()
+        found = diagnose(problem, state_of(problem, moved), None)
+        assert ("hold but at" in found.hint) is is_said
