@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -169,3 +170,20 @@ def test_one_simulator_is_judged_under_two_laws_side_by_side(
     other, own = json.loads(path.read_text("utf-8"))["cases"]
     assert (other["name"], other["verdict"]) == ("block-neo-hookean", "failed")
     assert (own["name"], own["verdict"]) == ("block", "passed")
+
+
+def test_each_of_the_two_is_named_and_own_checks_are_those_of_the_cases_strain(tmp_path) -> None:
+    case = palpate.load_case("block")
+    result = judge_versus(case, stretched_by(1.01), fastsim_candidate(), limits={"volume": 0.1})
+    assert [c.name for c in result.candidates] == ["mine against fastsim"]
+    path = tmp_path / "straight.toml"
+    shutil.copy(case.path.parent / "block.vtu", tmp_path)
+    path.write_text(
+        case.path.read_text("utf-8").replace('strain = "green"', 'strain = "linear"', 1)
+        + '[[check]]\nmetric = "smallest_det_f"\nagainst = "candidate"\nstrain = "green"\n'
+        'limit = 0.0\nreason = "of the other strain measure"\n',
+        "utf-8",
+    )
+    linear = palpate.load_case(path)
+    found = judge_versus(linear, stretched_by(1.01), fastsim_candidate(), limits={"volume": 0.1})
+    assert {c.strain for c in found.checks} == {"linear"}

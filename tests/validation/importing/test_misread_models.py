@@ -12,7 +12,7 @@ import pytest
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.validation.importing import ImportRefusedError, UnitSystem
+from palpate.validation.importing import ImportRefusedError, UnitSystem, case_files
 from palpate.validation.importing.understood import harmless
 
 SI = UnitSystem.METRE_NEWTON
@@ -48,6 +48,9 @@ CLASSES = [
     ("\n1, 0.0, 0.0, 0.0\n", "\n1, 0.0, 0.0, 0.0, 1.\n", "needs 1 to 4"),
     ("MATERIAL=TISSUE\n*", "MATERIAL=TISSUE\n1., 2.\n*", "data that are not known"),
     (CLOAD, "*DLOAD\n1, P1, 1e-3, 0., 0., 1.", "6 fields, needs 3"),
+    (CLOAD, "*DLOAD\n1, P, 1e-3", r"\*DLOAD of kind 'P'"),
+    (CLOAD, "*DSLOAD\nENDFACE, P", r"2 field\(s\) in a line, needs 3"),
+    ("*SOLID SECTION, ELSET=ALL, MATERIAL=TISSUE\n", "", "SOLID SECTION"),
     ("HELD, 1, 3", "HELD, ENCASTRE, 3", "3 fields, needs 2"),
     # Numbers of more characters than CalculiX reads: 1.2345678901234567890e-2 is 1.23 there.
     ("0.1, 0.3", "1.2345678901234567890e-1, 0.3", "another number there"),
@@ -98,6 +101,30 @@ def test_a_deck_is_not_read_as_something_else(bring, tmp_path, old, new, says):
     assert caught.value.line
 
 
+def test_a_step_of_two_seconds_ends_there(bring):
+    """An amplitude of 1 at its end."""
+    plain, _ = bring(deck(AMPLITUDE, AMPLITUDE), ".inp")
+    slow = deck(AMPLITUDE, AMPLITUDE.replace("1., 1.", "2., 1.")).replace("0.25, 1.", "0.5, 2.")
+    assert bars.apart(plain.problem, bring(slow, ".inp")[0].problem) < 1e-12
+
+
+def test_displacements_in_too_many_ways_are_refused_by_name(bring, monkeypatch):
+    monkeypatch.setattr(case_files, "MOST_TABLES", 2)
+    moved = "\n".join(f"{node}, 1, 1, 0.{node}" for node in (5, 6, 7))
+    with pytest.raises(ImportRefusedError, match="different ways") as caught:
+        bring(deck(CLOAD, f"*BOUNDARY\n{moved}\n{CLOAD}"), ".inp")
+    assert caught.value.line
+
+
+def test_what_is_left_out_is_listed_as_a_whole_or_ends_in_dots(bring, tmp_path, monkeypatch):
+    for most, dots in ((30, False), (0, True)):
+        monkeypatch.setattr(case_files, "_MOST_SHOWN", most)
+        bring(deck("*HEADING", "*HEADING"), ".inp")
+        text = (tmp_path / "case.toml").read_text("utf-8")
+        (tmp_path / "case.toml").unlink()
+        assert ("..." in text.split("left out, for no mechanics")[1].splitlines()[0]) is dots
+
+
 def test_sets_whose_names_end_alike_are_two_supports(bring):
     sets = "*NSET, NSET=A.N\n1, 2, 3, 4\n*NSET, NSET=B.N\n5, 6, 7, 8\n*MATERIAL"
     text = deck("*MATERIAL", sets).replace("HELD, 1, 3", "HELD, 1, 3\nA.N, 1, 1\nB.N, 2, 2")
@@ -142,6 +169,13 @@ def test_total_time_is_the_time_of_the_only_step(bring):
     assert bars.apart(plain.problem, again.problem) == 0.0
 
 
+@pytest.mark.parametrize("kind", ["C3D10", "C3D10H", "C3D10M", "C3D10MH", "C3D10HS", "C3D10T"])
+def test_ten_nodes_of_every_quadratic_tetrahedron(bring, kind):
+    points, cells = bars.quadratic(MESH)[:2]
+    text = bars.abaqus(MESH, acts="*CLOAD\n8, 3, 0.02", points=points, cells=cells)
+    assert bring(text.replace("TYPE=C3D10", f"TYPE={kind}"), ".inp")[0].problem.mesh.num_cells > 0
+
+
 def feb(old, new, version="4.0"):
     text = bars.febio(MESH, loads=PRESSED, version=version)
     assert old in text
@@ -158,6 +192,8 @@ def feb(old, new, version="4.0"):
             "<elem_type> in <SolidDomain> is not known",
         ),
         ('mat="Tissue"/>', 'mat="Tissue" elem_type="UT4"/>', "<SolidDomain elem_type=...>"),
+        ("</Nodes>", '</Nodes><Nodes><node id="1">0,0,0</node></Nodes>', "id is there twice"),
+        ("</Nodes>", '<node id="99">0,0,0,1</node></Nodes>', "needs three numbers, has 4"),
         ("<Control>", "<Control><final_time>9</final_time>", "<final_time> in <Control>"),
         ("<Control>", '<Control><solver type="x"/>', "<solver type=...>"),
         ("<time_steps>10</time_steps>", "", "give both, or none"),

@@ -164,6 +164,14 @@ def test_what_a_case_cannot_say_is_refused(bring, old, new, says):
         bring(text.replace(old, new, 1), ".xml", SI)
 
 
+def test_an_edge_without_springs_says_nothing(bring):
+    mesh = beam()
+    text = model(mesh, pinned(mesh))
+    plain, _ = bring(text, ".xml", SI)
+    edged, _ = bring(text.replace("<elasticity", '<edge equality="false"/><elasticity'), ".xml", SI)
+    assert edged.problem.material == plain.problem.material
+
+
 def test_without_enough_pins_it_floats(bring, tmp_path):
     with pytest.raises(InputError, match="is not held enough"):
         bring(model(beam(), [0]), ".xml", SI)

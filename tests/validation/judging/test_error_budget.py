@@ -277,3 +277,10 @@ def test_table_and_figure_of_a_judged_case() -> None:
     for word in ("discretisation", "interaction", "change of volume"):
         assert word in svg
     assert budget_svg([]) == ""
+
+
+def test_without_a_probe_or_in_motion_there_is_no_budget() -> None:
+    with pytest.raises(ValueError, match="nothing moves"):
+        farthest_probe(np.zeros((4, 3)))
+    motion = judge_case(case_of("block-motion"))
+    assert case_budgets(motion) == []

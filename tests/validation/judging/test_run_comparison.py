@@ -310,3 +310,25 @@ def test_what_is_no_results_file_is_an_input_error(tmp_path: Path, text: str) ->
     for name in ("x.json", "loop.json", "missing.json", "."):
         with pytest.raises(FileFormatError):
             read_run(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "against", "expected"),
+    [
+        (0.02, 0.02, "truth", "same"),
+        (0.02, 0.01, "truth", "smaller error"),
+        (0.02, 0.04, "truth", "larger error"),
+        (0.02, 0.02007, "truth", "slightly larger error"),
+        (0.02, 0.03, "published", "changed"),
+    ],
+)
+def test_a_value_that_moves_is_told_by_how(tmp_path, before, now, against, expected):
+    def of(value):
+        def change(case):
+            case["checks"][0] |= {"value": value, "against": against}
+
+        return change
+
+    first, second = (written(tmp_path, n, of(v)) for n, v in (("a.json", before), ("b.json", now)))
+    (found,) = [p for p in compare_runs(first, second).pairs if p.check.startswith("displacement")]
+    assert found.change == expected

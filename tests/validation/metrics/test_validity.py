@@ -213,3 +213,14 @@ def test_the_line_says_which_border_is_left() -> None:
         angle = math.radians(degrees)
         turn = rotation_matrix(np.array([math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
         assert words in describe_rotation(BLOCK, BLOCK.points @ turn.T - BLOCK.points)
+
+
+def test_a_hundredth_of_the_volume_may_turn_further():
+    """Of a fine bar that is turned by 0.2 everywhere, one corner is turned by far more."""
+    mesh = brick_box((9, 6, 6), (0.09, 0.06, 0.06))
+    turn = rotation_matrix(np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)]))
+    displacement = mesh.points @ turn.T - mesh.points
+    assert largest_rotation(mesh, displacement) == pytest.approx(0.2, abs=1e-12)
+    displacement[0] += [0.0, 0.004, -0.004]
+    assert cell_rotations(mesh, displacement).max() > 0.25
+    assert largest_rotation(mesh, displacement) == pytest.approx(0.2, abs=1e-12)

@@ -17,9 +17,13 @@ from palpate.reference.errors import (
     ReferenceNotConvergedError,
 )
 from palpate.validation.case import load_case
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.references import statics
+from palpate.validation.references import solved_again, statics
+from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH
+from palpate.validation.references.runs import solve_reference
+from palpate.validation.references.solved_again import Comparison
 from palpate.validation.references.statics import solve_live
 from palpate.validation.states import State, Verdict
 
@@ -131,3 +135,30 @@ def test_a_motion_solved_here_comes_as_a_set_of_motions() -> None:
     found = solve_live(short, lambda _line: None, wanted={"same_mesh"})
     states = [found.states[SAME_MESH, strain] for strain in Strain]
     assert all(state.trajectory is not None for state in states)
+
+
+def test_states_of_one_mesh_are_compared_or_said_to_be_absent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What allows nothing lets no distance pass but none."""
+    assert Comparison("volume", 0.0).verdict is Verdict.PASSED
+    assert Comparison("volume", 1e-30).verdict is Verdict.FAILED
+    assert Comparison("volume", None, why="absent").verdict is Verdict.INCONCLUSIVE
+    case = load_case("block")
+    stored = find_references(case, live=False, progress=lambda _line: None)
+    for found, verdict in (
+        (stored, Verdict.PASSED),
+        (dataclasses.replace(stored, states={}), Verdict.INCONCLUSIVE),
+    ):
+        monkeypatch.setattr(solved_again, "solve_live", lambda *_, found=found, **__: found)
+        compared = solved_again.compare_anew(
+            case.problem, stored, TruthRequest(), 1.0, lambda _line: None
+        )
+        assert {c.verdict for c in compared} == {verdict}
+        assert all(("absent" in str(c)) is (verdict is not Verdict.PASSED) for c in compared)
+
+
+def test_degree_three_is_for_statics() -> None:
+    problem = load_case("block-motion").problem
+    with pytest.raises(InputError, match="degree 3 is for statics"):
+        solve_reference(problem, Strain.GREEN, 3, lambda _line: None)
