@@ -239,12 +239,12 @@ LINES = {
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface",
     ),
-    "fastsim": (12700, "issue 35: contact over facets"),
-    "reference": (10170, "issue 35: contact over facets; issue 36: masses on the surface"),
+    "fastsim": (12750, "issue 35: contact over facets"),
+    "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (44200, "issue 34: what results, models and files may not do"),
     "tests": (
-        54260,
-        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        54800,
+        "issues 34, 35: stated equations, stale results, imports, lost files, mutants; contact over facets; "
         "issue 36: masses on the surface",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
