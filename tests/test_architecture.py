@@ -244,7 +244,8 @@ LINES = {
     "validation": (44200, "issue 34: what results, models and files may not do"),
     "tests": (
         54800,
-        "issues 34, 35: stated equations, stale results, imports, lost files, mutants; contact over facets; "
+        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        "mutants of the judge; "
         "issue 36: masses on the surface",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
