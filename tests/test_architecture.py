@@ -251,7 +251,7 @@ LINES = {
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
     "validation/commands": (2170, "issue 34: equations are asked for by options"),
-    "validation/diagnosis": (2200, "issue 33: one module of checks of laws"),
+    "validation/diagnosis": (2245, "issue 40: Lamé's parameters by name"),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),

@@ -391,6 +391,9 @@ def tool_force_hypotheses(candidate: State, reference: State) -> Iterator[Explan
 
 # A constant that differs by less from what was asked is said to be right.
 _SAME = 1e-5
+# A factor of one of Lamé's parameters is named to four digits: a solver that comes to rest to 1e-6
+# of its forces leaves a tenth of this.
+_FACTOR = 1e-4
 # Constants this many times larger than what was asked belong to a result that hardly moves, or to
 # a strain that the case does not have.
 _ABSURD = 1e3
@@ -450,7 +453,7 @@ def material_hypotheses(result: StaticResult) -> Iterator[Explanation]:
         # As stiff as was asked, for lack of what would say otherwise.
         stiffness = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
         lmbda, mu = (asked.youngs_modulus / stiffness * of for of in (lmbda, mu))
-    name, complexity = _material_words(asked, lmbda, mu)
+    name, complexity = _material_words(asked, lmbda, mu, has_forces=has_forces)
     internal = a * volume_part + b * shape_part
     yield result.tried(name, Cause.MATERIAL, complexity, internal=internal)
 
@@ -476,7 +479,9 @@ def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]:
+def _material_words(
+    asked: Material, lmbda: float, mu: float, *, has_forces: bool
+) -> tuple[str, int]:
     E0, nu0 = asked.youngs_modulus, asked.poissons_ratio
     l0, m0 = (np.array(of) for of in lame_of(asked))
     for name, (l1, m1) in lame_hypotheses(l0, m0).items():
@@ -486,10 +491,44 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
         return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
     E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)
     ratio = f"Poisson's ratio {nu:.6g} instead of {nu0:.6g}"
+    of_lmbda, of_mu = (float(a / b) if b else 0.0 for a, b in ((lmbda, l0), (mu, m0)))
+    if not has_forces:
+        # The ratio of the two alone: several mistakes make the same one.
+        several = lame_factor_words("lmbda", of_lmbda / of_mu if of_mu else 0.0, nu0)
+        if several:
+            return f"{several}, or {ratio}: without forces they are the same", 2
+        return ratio, 2
+    for parameter, factor, other in (("lmbda", of_lmbda, of_mu), ("mu", of_mu, of_lmbda)):
+        words = lame_factor_words(parameter, factor, nu0)
+        if words and abs(other - 1.0) <= _FACTOR:
+            return words, 2
     if abs(E / E0 - 1.0) <= _SAME:
         return ratio, 2
     factor = snapped(E / E0)
     return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {ratio}", 3
+
+
+def lame_factor_words(parameter: str, factor: float, nu: float) -> str:
+    """What is said where one of Lamé's parameters is a known factor of what was asked, or "".
+
+    Args:
+        parameter: "lmbda" or "mu".
+        factor: How many times what was asked it is [-].
+        nu: Poisson's ratio that was asked for [-].
+    """
+    known = {2.0: "", 0.5: "", 3.0: "", 1 / 3: "", 1.5: "", 2 / 3: "", 4.0: "", 0.25: ""}
+    for value, formula in (
+        (1.0 - nu, "1 - nu"),
+        (1.0 + nu, "1 + nu"),
+        (1.0 - 2.0 * nu, "1 - 2 nu"),
+    ):
+        for times, words in ((value, f"({formula})"), (1.0 / value, f"1 / ({formula})")):
+            known[times] = f" = {words}" if known.get(times) is None else f" or {words}"
+    found = [value for value in known if abs(factor / value - 1.0) <= _FACTOR]
+    if not found or abs(factor - 1.0) <= _FACTOR:
+        return ""
+    also = "".join(known[value] for value in found)
+    return f"Lamé's {parameter} {factor:.3f} times what was asked{also}"
 
 
 def anisotropy_hypotheses(result: StaticResult) -> Iterator[Explanation]:

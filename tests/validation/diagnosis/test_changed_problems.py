@@ -119,3 +119,45 @@ def test_a_law_or_modulus_in_the_place_of_neo_hookes(changes, name):
     material = replace(problem.material, law=Law.NEO_HOOKEAN)
     asked = replace(problem, material=material, loads=(BodyForce((0.0, 9e3, -2e4)),))
     assert name_of(asked, replace(asked, material=replace(material, **changes))) == name
+
+
+# Squeezed between forces: with the sides free both of Lamé's parameters are seen.
+@pytest.mark.parametrize(
+    ("of_lmbda", "of_mu", "words"),
+    [
+        (2.0, 1.0, "Lamé's lmbda 2.000 times what was asked"),
+        (1.0, 3.0, "Lamé's mu 3.000 times what was asked"),
+        (1.0 / 3.0, 1.0, "Lamé's lmbda 0.333 times what was asked"),
+        (0.7, 1.0, "Lamé's lmbda 0.700 times what was asked = (1 - nu)"),
+        (2.003, 1.0, None),
+        (1.997, 1.0, None),
+        (0.702, 1.0, None),
+    ],
+)
+def test_one_of_lames_parameters_is_named_and_told_from_its_neighbours(of_lmbda, of_mu, words):
+    problem = case_of("stretch").problem
+    asked = replace(problem, loads=(BodyForce((0.0, 9e3, -2e4)),))
+    E, nu = asked.material.youngs_modulus, asked.material.poissons_ratio
+    assert nu == 0.3
+    lmbda = of_lmbda * E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    mu = of_mu * E / (2.0 * (1.0 + nu))
+    has = replace(
+        asked.material,
+        youngs_modulus=mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu),
+        poissons_ratio=0.5 * lmbda / (lmbda + mu),
+    )
+    found = name_of(asked, replace(asked, material=has))
+    if words is None:
+        assert "Lamé" not in found
+        assert "Poisson's ratio" in found
+    else:
+        assert found == words
+
+
+def test_lambda_without_forces_is_one_of_several():
+    asked = case_of("stretch").problem
+    other = replace(asked, material=replace(asked.material, poissons_ratio=0.375))
+    assert name_of(asked, other) == (
+        "Lamé's lmbda 2.000 times what was asked, or Poisson's ratio 0.375 instead of 0.3: "
+        "without forces they are the same"
+    )
