@@ -237,20 +237,20 @@ LINES = {
     "meshes": (
         7680,
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
-        "issue 36: masses on the surface",
+        "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (12750, "issue 35: contact over facets"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
-    "validation": (44200, "issue 34: what results, models and files may not do"),
+    "validation": (44750, "issue 40: history of released versions"),
     "tests": (
-        54800,
+        55000,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
-    "validation/commands": (2170, "issue 34: equations are asked for by options"),
+    "validation/commands": (2270, "issue 40: history of released versions"),
     "validation/diagnosis": (2245, "issue 40: Lamé's parameters by name"),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
@@ -262,7 +262,7 @@ LINES = {
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
-    "validation/peers": (5900, "as of 24 November 2026"),
+    "validation/peers": (6430, "issue 40: released versions, each in its environment"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3150, "issue 33: helpers of one caller stand there"),
     "validation/studies": (3800, "issue 33: what tests prove is no study"),

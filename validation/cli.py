@@ -19,6 +19,7 @@ from palpate.validation.commands.endings import (
     quiet_archives,
     stoppable,
 )
+from palpate.validation.commands.history import history
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.options import listed
@@ -82,6 +83,7 @@ _studies = listed("Studies:", STUDIES.items())
 app.command(help=f"{studies.study.__doc__}\n\n{_studies}")(studies.study)
 app.command()(studies.bench)
 app.command()(studies.scoreboard)
+app.command()(history)
 
 
 def main() -> None:

@@ -498,8 +498,8 @@ def _material_words(
         if several:
             return f"{several}, or {ratio}: without forces they are the same", 2
         return ratio, 2
-    for parameter, factor, other in (("lmbda", of_lmbda, of_mu), ("mu", of_mu, of_lmbda)):
-        words = lame_factor_words(parameter, factor, nu0)
+    for parameter, times, other in (("lmbda", of_lmbda, of_mu), ("mu", of_mu, of_lmbda)):
+        words = lame_factor_words(parameter, times, nu0)
         if words and abs(other - 1.0) <= _FACTOR:
             return words, 2
     if abs(E / E0 - 1.0) <= _SAME:

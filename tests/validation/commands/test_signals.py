@@ -48,6 +48,7 @@ WORDS = {
     "study": "study kidney -o out/study",
     "bench": "bench steps --json out/rows.json",
     "scoreboard": "scoreboard block.toml -o out/board",
+    "history": "history mujoco --yes --disk 1e-9 -o out/history",
     "reference build": "reference build block.toml",
     "reference check": "reference check --solve",
     "reference accept": "reference accept block.toml --reason none",
