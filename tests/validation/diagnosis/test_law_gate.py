@@ -46,7 +46,15 @@ held = tuple(
 )
 load = PointForce(np.arange(mesh.num_points), rest["external_force"])
 u = solve_static(Problem(mesh, of, held, (load,))).displacement
-np.savez(result, displacement=u)
+sent = {}
+if len(sys.argv) > 4:  # Cauchy stresses, so many times the law's
+    from palpate.validation.diagnosis.law_checks import stated_stress
+    x, X = (mesh.points + u)[mesh.cells], mesh.points[mesh.cells]
+    edges = lambda a: (a[:, 1:] - a[:, :1]).transpose(0, 2, 1)
+    F = edges(x) @ np.linalg.inv(edges(X))
+    sigma = stated_stress(of, F) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+    sent = {"cauchy_stress": float(sys.argv[4]) * sigma}
+np.savez(result, displacement=u, **sent)
 """
 
 
@@ -164,3 +172,14 @@ def test_a_simulators_law_is_told_by_where_its_cells_come_to_rest(tmp_path, solv
     # In simple shear, which keeps its volume, the two laws are one.
     assert said.count("FAILED") == (4 if says else 0)
     assert said.count(f"failed: law as stated, random: {says}") == (1 if says else 0)
+
+
+@pytest.mark.parametrize(("factor", "code"), [("1", 0), ("1.5", 1)])
+def test_stresses_that_a_simulator_sends_are_compared_as_well(tmp_path, factor, code):
+    program = tmp_path / "simulator.py"
+    program.write_text(SIMULATOR, encoding="utf-8")
+    command = f"{sys.executable} {program} {{case}} {{result}} asked {factor}"
+    found, said = run("neo-hookean", "--simulator", command)
+    assert found == code
+    assert said.count("stress sent") > 0
+    assert ("FAILED" in said) is (code == 1)
