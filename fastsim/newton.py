@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -30,6 +30,8 @@ LARGEST_GROWTH = 1e3
 _CLOSE = 1e-2
 # Error of turning a vector to other axes and back, over the largest displacement.
 _ROUNDING = 1e-14
+# As if the last residual were so small: responses are solved to 3e-9 at a tolerance of 1e-16.
+_FINE = 1e-8
 # Slope of the potential at a step's end over that at its start, and how often it is cut.
 _STEEP = 0.8
 _MOST_CUTS = 8
@@ -195,6 +197,35 @@ class Newton:
             return None if found is None else self._supports.to_global(found)
 
         return solve
+
+    def residual_at(self, displacement: Points) -> Points:
+        """Force out of balance at full load [N], shape (num_points, 3), reactions included."""
+        return self._residual(displacement, 1.0)[0]
+
+    def responses_at(
+        self, displacement: Points, changes: Sequence[tuple[Points, Points]]
+    ) -> list[Points | None]:
+        """How an equilibrium at full load moves by small changes, one solve of its tangent each.
+
+        Args:
+            displacement: The equilibrium [m].
+            changes: Of the force out of balance [N], and of the supports' displacement along the
+                points' own components [m], which is 0 where a component is free.
+
+        Returns:
+            Changes of displacement [m]; None where the tangent is not positive definite.
+        """
+        free = self._is_free != 0
+        self._assemble_tangent(displacement, 1.0)
+        self._is_stale = True
+        found: list[Points | None] = []
+        for force, moved in changes:
+            right_side = self._supports.to_local(force)
+            if np.any(moved):
+                right_side = right_side - self.body.core.multiply(moved)
+            step, _ = self._linear_solve(np.where(free, right_side, 0.0), [_FINE])
+            found.append(None if step is None else self._supports.to_global(step + moved))
+        return found
 
     def _jump(self, displacement: Points, factor: float) -> Points:
         """Distance of fixed components from their prescribed values, 0 for the free ones [m]."""

@@ -239,14 +239,14 @@ LINES = {
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
-    "fastsim": (12750, "issue 35: contact over facets"),
+    "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (44750, "issue 40: history of released versions"),
     "tests": (
-        55000,
+        55900,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
-        "issue 36: masses on the surface",
+        "issue 36: masses on the surface, fits to measurements",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
