@@ -207,9 +207,9 @@ def test_the_truth_is_judged_as_well(name: str) -> None:
             found = judge_check(spec, truth.strain, case.problem, None, state, bar, "", units)
             assert found.verdict is wanted, found.message
         # What the polyhedron leaves out of a curved body widens the bar.
-        chords = BarParts(discretisation=1e-6, geometry=0.5)
+        chords = BarParts(discretisation=0.5, geometry=0.5)
         found = judge_check(
-            spec, truth.strain, case.problem, None, truth, 1e-6, "", case.spec.units, parts=chords
+            spec, truth.strain, case.problem, None, truth, 0.5, "", case.spec.units, parts=chords
         )
         assert found.verdict is Verdict.INCONCLUSIVE
 
