@@ -18,6 +18,7 @@ from palpate.validation.diagnosis.explanation import Cause, Diagnosis, Explanati
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import github_annotations
+from palpate.validation.judging.self_test import MetricRow, table_lines
 from palpate.validation.states import Verdict
 
 
@@ -126,3 +127,12 @@ def test_crashing(palpate_case):
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
     assert "bar: failed" in done.stdout
     assert "it ended with 1" in done.stdout
+
+
+def test_the_table_of_the_self_test_has_its_marks_under_their_letters() -> None:
+    seen = {Fault.SOFTER: True, Fault.VERTICES_ONLY: False}
+    lines = table_lines([MetricRow("volume", "statics", Verdict.PASSED, seen)])
+    header, row = lines[-2:]
+    letters = {line.split()[1].rstrip(":"): line.split()[0] for line in lines[1:-2]}
+    for fault, mark in ((Fault.SOFTER, "x"), (Fault.VERTICES_ONLY, ".")):
+        assert row[header.index(letters[fault])] == mark
