@@ -14,6 +14,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.metrics import make_state
+from palpate.validation.references.bars import PARTS
 from palpate.validation.references.reference_set import (
     QUADRATIC,
     SAME_MESH,
@@ -339,3 +340,12 @@ def test_a_reference_cut_in_eight_carries_its_orders():
     # This area does not converge yet, and so decides nothing.
     assert convergence["green"]["surface_area"]["behaviour"] == "order out of range"
     assert stored.bars["surface_area", Strain.GREEN] == math.inf
+
+
+@pytest.mark.parametrize(("factor", "is_other"), [(1.0 + 1e-13, False), (1.01, True), (0.99, True)])
+def test_parts_of_a_bar_add_up_to_it_but_for_rounding(factor, is_other):
+    problem, references = references_of("block")
+    table = copy.deepcopy(references.provenance[PARTS])
+    table["displacement_l2|green"]["discretisation"] *= factor
+    other = dataclasses.replace(references, provenance={**references.provenance, PARTS: table})
+    assert ("add up to" in contradictions(problem, other)) is is_other
