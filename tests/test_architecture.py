@@ -241,12 +241,15 @@ LINES = {
     ),
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
-    "validation": (44750, "issue 40: history of released versions"),
+    "validation": (
+        45050,
+        "issue 40: history of released versions; issue 38: the report's first screen answers",
+    ),
     "tests": (
-        55900,
+        56200,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
-        "issue 36: masses on the surface, fits to measurements",
+        "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
@@ -264,7 +267,7 @@ LINES = {
     "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
     "validation/peers": (6430, "issue 40: released versions, each in its environment"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
-    "validation/report": (3150, "issue 33: helpers of one caller stand there"),
+    "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
     "validation/studies": (3800, "issue 33: what tests prove is no study"),
 }
 

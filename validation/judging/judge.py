@@ -381,6 +381,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         "command": " ".join(["palpate", *sys.argv[1:]]),
         "case_key": problem_key(case.problem),
         "case_file": case.file,
+        "called": case.called,
         "mesh": {
             "origin": case.mesh.origin,
             "num_points": mesh.num_points,

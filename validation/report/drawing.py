@@ -142,7 +142,8 @@ def _figure(views: Sequence[View], size: _Size) -> Figure:
     figure = Figure(figsize=(size.wide * len(views), size.high), dpi=size.dpi)
     for column, view in enumerate(views):
         left, wide = column / len(views), 1.0 / len(views)
-        box = (left, 6.0 * size.row, wide, 1.0 - 9.5 * size.row)
+        low = 6.0 * size.row + _raised(view, size)
+        box = (left, low, wide, 1.0 - 3.5 * size.row - low)
         axes = figure.add_axes(box, projection="3d")
         _draw(axes, view, views, size)
     words = [entry for view in views for entry in view.legend]
@@ -189,15 +190,21 @@ def _draw(axes: Any, view: View, views: Sequence[View], size: _Size) -> None:
     axes.set_title("\n".join(textwrap.wrap(view.title, letters)), fontsize=size.font)
     for part in view.surfaces:
         if part.values is not None:
-            _add_bar(axes, part, size)
+            _add_bar(axes, part, size, _raised(view, size))
 
 
-def _add_bar(axes: Any, part: Surface, size: _Size) -> None:
+def _raised(view: View, size: _Size) -> float:
+    """By how much a colour bar stands higher, as a fraction, where a legend is below it."""
+    has_bar = any(part.values is not None for part in view.surfaces)
+    return 2.2 * size.row if has_bar and view.legend else 0.0
+
+
+def _add_bar(axes: Any, part: Surface, size: _Size, raised: float) -> None:
     """Add a colour bar of a surface's values below it."""
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, part.largest), part.colours)
     above = axes.get_position()
     left, wide = above.x0 + 0.22 * above.width, 0.56 * above.width
-    below = axes.figure.add_axes((left, 4.6 * size.row, wide, size.row))
+    below = axes.figure.add_axes((left, 4.6 * size.row + raised, wide, size.row))
     bar = axes.figure.colorbar(scale, cax=below, orientation="horizontal")
     bar.set_label(part.values_name)
     bar.locator = mpl.ticker.MaxNLocator(3)

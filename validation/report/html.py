@@ -35,7 +35,8 @@ from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
-from palpate.validation.report.pictures import draw_pictures
+from palpate.validation.report.drawing import draw
+from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
 from palpate.validation.report.viewer import viewer_json
@@ -143,8 +144,12 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
     budgets, no_budget = _budgets(result)
     tables = write_tables(result, folder, budgets)
     drawn = write_figures(result, folder, figures, budgets) if figures else []
+    first = _first_picture(result) if pictures else None
+    data = {name: _data_url(path.read_bytes()) for name, path in pictures.items()}
     return {
         "trust": trust_of(result),
+        "day": str(result.provenance["time"])[:10],
+        "first_says": first[1] if first else "",
         "counts": Counter(check.verdict for check in result.checks).most_common(),
         # The diagnosis has a heading of its own.
         "notes": [note for note in result.notes if not note.startswith("Diagnosis, ")],
@@ -158,7 +163,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
             for quantity in dict.fromkeys(b.quantity for b in budgets)
         ],
         "table": state_table(result),
-        "pictures": {name: _data_url(path.read_bytes()) for name, path in pictures.items()},
+        "pictures": data | ({"first": first[0]} if first else {}),
         "scene": Markup(viewer_json(result)) if result.states else "",
         "looks": [shown.name(result.states) for shown in comparisons_of(result)],
         "plot": _drawn(checks_svg, result),
@@ -178,6 +183,15 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
     }
+
+
+def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:
+    """The picture of the first screen and its words; None where there is none to draw."""
+    try:
+        found = first_view(result)
+        return (_data_url(draw({"first": [found[0]]})["first"]), found[1]) if found else None
+    except Exception:  # a picture that fails must not lose the verdict
+        return None
 
 
 def credibility_html(result: CaseResult) -> Markup:
@@ -272,8 +286,9 @@ def _closest(result: CaseResult) -> str:
     return f"{check.name}: {100 * part:.2g} % of its limit"
 
 
-def _data_url(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+def _data_url(png: bytes) -> Markup:
+    """A picture as an address; markup, as parts of it would be taken for folders in a text."""
+    return Markup("data:image/png;base64,{}").format(base64.b64encode(png).decode("ascii"))
 
 
 def _number(value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from palpate.meshes.own_files import own_path
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
+from palpate.validation.exchange.nodal_arrays import are_among
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.comparisons import (
     STRAIN_NAMES,
@@ -236,3 +238,38 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
             title = f"{one.label} - {other.label}"
             errors.append(View(title, [coloured, *around(moved)], side, marks))
     return {"states": views} | ({"errors": errors} if errors else {})
+
+
+def first_view(result: CaseResult) -> tuple[View, str] | None:
+    """The body with its error, what fixes and what loads it, for the first screen, and its words.
+
+    The error is that of the first comparison (the truth's where there is one), of the candidate
+    that is farthest off; None where nothing was compared.
+    """
+    compared = comparisons_of(result)
+    if not compared:
+        return None
+    states = result.states
+    one, other = max(
+        compared[0].pairs,
+        key=lambda pair: float(
+            np.abs(states[pair[0]].displacement - states[pair[1]].displacement).max()
+        ),
+    )
+    shown, against = states[one], "the truth" if compared[0].is_truth else "the same mesh solved"
+    name = f"{shown.label} - {states[other].label}"
+    view = next(v for v in result_views(result)["errors"] if v.title == name)
+    legend = [("fixed", BLUE)] if result.problem.supports else []
+    legend += [("pushed or pulled", RED)] if result.problem.loads or result.problem.springs else []
+    legend += [("tool", OCHRE)] if result.problem.tools else []
+    # What is fixed has no error: its colour says what it is, in the place of a value.
+    fixed = joined([support.facets for support in result.problem.supports])
+
+    def as_shown(part: Surface) -> Surface:
+        if part.values is not None:
+            return replace(part, facets=part.facets[~are_among(part.facets, fixed)])
+        return replace(part, is_wireframe=False) if part.is_wireframe else part
+
+    surfaces = [as_shown(part) for part in view.surfaces]
+    words = f"{shown.label}, {STRAIN_NAMES[shown.strain]}: distance of each point from {against}."
+    return replace(view, surfaces=surfaces, title="", legend=legend), words

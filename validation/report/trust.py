@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,15 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.problem import Element, Strain
-from palpate.validation.judging.checks import STATED
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope, error_name
+from palpate.validation.report.answer import (
+    Step,
+    amount_of,
+    answer_of,
+    next_steps,
+    quantity_of,
+    used_of,
+)
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.states import Verdict
 
@@ -21,16 +29,6 @@ _MOST_ROWS = 6
 _END = 2.0
 # A bar above this fraction of the limit is mentioned.
 _WIDE = 0.25
-# Names of quantities on the first screen; the tables below it use the metrics' names.
-_QUANTITIES = {
-    "displacement_l2": "displacement",
-    "displacement_max": "displacement at the worst point",
-    "max_displacement": "largest displacement",
-    "stress_l2": "stress",
-    "trajectory_l2": "displacement over time",
-    "tool_force": "force on the tool",
-    "traction_resultant": "force through a cut",
-}
 _FIRST = ("displacement_l2", "trajectory_l2")
 # Where nothing was compared with the truth, this replaces "passed".
 _NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
@@ -55,15 +53,16 @@ class Trust:
     """What a person who must decide reads first.
 
     The verdict's `css` class (see `CaseResult.tone`) and `word` (if it passed without a truth, what
-    it was judged against), the `answer` in one sentence, a sentence on each group of `failures`,
-    distances from the truth beside what the use needs (`scale`, the worst first), the `context` of
-    use, the reason for the limit that is `needed`, the gravest `caveat`, and the most probable
-    `explanation` of a failure.
+    it was judged against; of several candidates how many passed), the `answer` in a sentence for
+    each, what to do `next`, a sentence on each group of `failures`, distances from the truth beside
+    what the use needs (`scale`, the worst first), the `context` of use, the reason for the limit
+    that is `needed`, the gravest `caveat`, and the most probable `explanation` of a failure.
     """
 
     css: str
     word: str
     answer: str
+    next: tuple[Step, ...]
     failures: tuple[str, ...]
     scale: tuple[Row, ...]
     context: str
@@ -78,8 +77,9 @@ def trust_of(result: CaseResult) -> Trust:
     several = len(result.candidates) > 1
     return Trust(
         css=result.tone,
-        word=_NARROW[result.scope] if result.tone == "narrow" else str(result.verdict),
-        answer=_answer(result, far),
+        word=_word(result),
+        answer=answer_of(result, far),
+        next=next_steps(result, far, _mistake(result)),
         failures=tuple(
             _group(result, judged) for judged in result.candidates if _left(result, judged)
         ),
@@ -92,57 +92,24 @@ def trust_of(result: CaseResult) -> Trust:
     )
 
 
+def _word(result: CaseResult) -> str:
+    """The verdict in a word; where candidates differ, how many of them passed."""
+    if result.tone == "narrow":
+        return _NARROW[result.scope]
+    good = sum(judged.verdict is Verdict.PASSED for judged in result.candidates)
+    total = len(result.candidates)
+    return f"{good} of {total} passed" if 0 < good < total else str(result.verdict)
+
+
 def _from_truth(checks: Sequence[CheckResult]) -> list[CheckResult]:
     """The candidate's checks against the truth or a published number, the worst first."""
     found = [c for c in checks if c.scope is Scope.TRUTH and c.value is not None and c.limit > 0.0]
-    return sorted(found, key=_used, reverse=True)
-
-
-def _used(check: CheckResult) -> float:
-    """Error and bar as a fraction of the limit."""
-    used = ((check.value or 0.0) + check.reference_error) / check.limit
-    return used if math.isfinite(used) else math.inf
-
-
-def _answer(result: CaseResult, far: Sequence[CheckResult]) -> str:
-    if result.tone == "narrow":
-        return result.scope.caution.capitalize() + "."
-    if result.verdict is Verdict.PASSED:
-        return f"Close enough: {_distance(far[0])}." if far else ""
-    wrong = [c for c in result.checks if c.verdict is Verdict.FAILED]
-    is_good = all(c.verdict in (Verdict.PASSED, Verdict.SKIPPED) for c in result.checks)
-    if result.verdict is Verdict.INCONCLUSIVE and is_good:
-        return "What was checked does not support a verdict; a line below says why."
-    if result.verdict is not Verdict.FAILED or not wrong:
-        return "The reference does not allow a verdict: it may be close enough, or not."
-    same = [c for c in wrong if c.against == "same_mesh" and c.value is not None]
-    worst = max(same, key=_used, default=None) or next((c for c in far if c in wrong), None)
-    stated = next((c for c in wrong if c.metric == STATED), None)
-    if worst is None and stated is not None:
-        return f"It says that it solved other equations: {stated.message}."
-    if worst is None:
-        return "A check of the result itself failed."
-    who = next((j.name for j in result.candidates if j.element is worst.element), "")
-    if same:
-        off = f"its {_quantity(worst)} is {100.0 * (worst.value or 0.0):.2g} % off"
-        says = f"It does not solve the case's equations: on the same mesh already, {off}."
-    else:
-        says = f"Not close enough: {_distance(worst)}."
-    return f"{who}: {says[0].lower()}{says[1:]}" if len(result.candidates) > 1 else says
-
-
-def _distance(check: CheckResult) -> str:
-    return f"{_quantity(check)} is {_percent(check)} from the truth; {_limit(check)} is needed"
-
-
-def _quantity(check: CheckResult) -> str:
-    """The quantity of a check, in words."""
-    return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
+    return sorted(found, key=used_of, reverse=True)
 
 
 def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
     """The name of a row: the quantity, and whatever else distinguishes the rows."""
-    words = [_quantity(check)]
+    words = [quantity_of(check)]
     if len({c.strain for c in far}) > 1:
         words.append(f"{check.strain} strain")
     if several:
@@ -150,28 +117,20 @@ def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
     return ", ".join(words)
 
 
-def _explanation(result: CaseResult) -> str:
-    """The most probable explanation in short; the diagnosis below states all of it."""
+def _mistake(result: CaseResult) -> str:
+    """The mistake that the diagnosis names, with the next most probable; "" for none."""
     found = [diagnosis for diagnosis in result.diagnoses if diagnosis.explanations]
     mistakes = [d.explanations for d in found if d.explanations[0].complexity > 0]
-    if mistakes:
-        names = [each.name for each in mistakes[0]]
-        more = f", or {names[1]}" if len(names) > 1 else ""
-        return f"{names[0]}{more}"
-    if found:
+    return ", or ".join(each.name for each in mistakes[0][:2]) if mistakes else ""
+
+
+def _explanation(result: CaseResult) -> str:
+    """The most probable explanation in short; the diagnosis below states all of it."""
+    if mistake := _mistake(result):
+        return mistake
+    if any(diagnosis.explanations for diagnosis in result.diagnoses):
         return "the equations are solved right; the mesh or the element is too coarse for this use"
     return next((str(diagnosis) for diagnosis in result.diagnoses if diagnosis.tested), "")
-
-
-def _percent(check: CheckResult) -> str:
-    value, bar = check.value or 0.0, check.reference_error
-    if not math.isfinite(bar):
-        return f"{100.0 * value:.2g} % (the truth's own error is not known)"
-    return f"{100.0 * value:.2g} % ± {100.0 * bar:.1g} %"
-
-
-def _limit(check: CheckResult) -> str:
-    return f"{100.0 * check.limit:.2g} %"
 
 
 def _left(result: CaseResult, judged: Judged) -> list[CheckResult]:
@@ -187,9 +146,9 @@ def _group(result: CaseResult, judged: Judged) -> str:
     who = f"{judged.name}: " if len(result.candidates) > 1 else ""
     words = "not passed" if any(c.verdict is Verdict.INCONCLUSIVE for c in left) else "failed"
     shown = [c for c in left if c.value is not None and c.limit > 0.0]
-    first = max(shown, key=_used) if shown else left[0]
+    first = max(shown, key=used_of) if shown else left[0]
     where = where_wrong(result, judged) or f"{first.name}, {first.message}"
-    return f"{who}{len(left)} of {total} checks {words}: {where}"
+    return f"{who}{len(left)} of {total} checks {words}; {where}"
 
 
 def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
@@ -201,7 +160,8 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     if result.unseen:
         return f"Plainly wrong answers would pass too: {', '.join(result.unseen)}."
     if fitted := result.evidence.get("fitted"):
-        return f"Fitted, so no evidence where it was fitted to: {', '.join(fitted)}."
+        names = ", ".join(_in_words(key) for key in fitted)
+        return f"Fitted, so no evidence where it was fitted to: {names}."
     wide = [c for c in far if c.reference_error > _WIDE * c.limit]
     if wide:
         bar = max(c.reference_error / c.limit for c in wide)
@@ -211,6 +171,14 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
         "This is verification: the equations are solved well. Whether they are those of the "
         "tissue, only measurements tell."
     )
+
+
+def _in_words(key: str) -> str:
+    """A key of the case file for a reader: "load[0].force" is the force of load 1."""
+    table, _, name = key.rpartition(".")
+    found = re.fullmatch(r"(\w+)\[(\d+)\]", table)
+    words = name.replace("_", " ").replace("youngs", "Young's").replace("poissons", "Poisson's")
+    return f"{words} of {found[1]} {int(found[2]) + 1}" if found else words
 
 
 def _unasked(result: CaseResult) -> str:
@@ -240,7 +208,7 @@ def _row(check: CheckResult, name: str) -> Row:
         start=start,
         width=end - start,
         needed=100.0 / _END,
-        says=f"{_percent(check)} of {_limit(check)}",
+        says=amount_of(check),
         is_beyond=value > _END,
     )
 
@@ -258,7 +226,7 @@ _MOST = 0.9
 
 
 def where_wrong(result: CaseResult, judged: Judged) -> str:
-    """As "wrong everywhere by about 18 %, most where the body moves most, at (20, 1, 90) mm".
+    """As "at its points displacement is off by about 18 % of what each moves, most where ...".
 
     The error is that of Green strain against the truth, or else against the same mesh; for a motion
     it is the largest over all stored times at each point. "" where there is nothing to compare
@@ -281,13 +249,15 @@ def _says(result: CaseResult, one: int, other: int) -> str:
     there = moved > _MOVES * top
     low, middle, high = np.quantile(apart[there] / moved[there], (_LOW, 0.5, _HIGH))
     if high <= _EVEN * low:
-        amount = f"wrong everywhere by about {_rough(middle)}"
+        amount = f"about {_rough(middle)}"
     else:
-        amount = f"wrong by {_rough(low)} to {_rough(high)} depending on where"
+        amount = f"{_rough(low)} to {_rough(high)}"
     position = ", ".join(f"{x * _MILLI:.3g}" for x in result.problem.mesh.points[worst])
+    what = "point by point, displacement is off"
     if len(candidate) > 1:
-        amount += " at the worst moment"
-    return f"{amount}, most {_place(result, worst, moved)}, at ({position}) mm"
+        what += " at the worst moment"
+    where = f"{_place(result, worst, moved)}, at ({position}) mm"
+    return f"{what} by {amount} of how far each moves, most {where}"
 
 
 def _place(result: CaseResult, point: int, moved: Floats) -> str:

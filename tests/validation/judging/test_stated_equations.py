@@ -384,7 +384,7 @@ def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path:
     assert [c["verdict"] for c in row["checks"] if c["metric"] == STATED] == ["failed"]
     assert {pair.change for pair in compare_runs(path, path).pairs} == {"same"}
     page = write_report([result], tmp_path).read_text("utf-8")
-    assert "It says that it solved other equations: the result states backward-euler" in page
+    assert "theirs says that it solved other equations: the result states backward-euler" in page
     for text in (page, outputs.junit_xml([result]), outputs.summary_markdown([result])):
         assert STATED in text
         assert "backward-euler" in text

@@ -54,7 +54,7 @@ def test_the_page_is_whole_and_offline(kidney: CaseResult, tmp_path: Path) -> No
     assert len(script) == 1
     digest = base64.b64encode(hashlib.sha256(script[0].encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in text
-    assert text.count("data:image/png") == 2
+    assert text.count("data:image/png") == 3
     assert len(text) < 5_000_000
     assert (tmp_path / "kidney-states.csv").read_text().count("\n") == 7
 

@@ -1,0 +1,263 @@
+"""The first sentence of a report, its numbers in words, and what to do next with its command."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.judging.checks import STATED, decide
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope
+from palpate.validation.metrics import OWN_MESH_REMEDY, measure
+from palpate.validation.states import Verdict
+
+# Names of quantities on the first screen; the tables below it use the metrics' names.
+_QUANTITIES = {
+    "displacement_l2": "displacement",
+    "displacement_max": "displacement at the worst point",
+    "max_displacement": "largest displacement",
+    "stress_l2": "stress",
+    "trajectory_l2": "displacement over time",
+    "tool_force": "force on the tool",
+    "traction_resultant": "force through a cut",
+    "volume": "change of volume",
+    "surface_area": "change of surface area",
+}
+_SMOOTHED = "palpate gate {} --element smoothed"
+
+
+@dataclass(frozen=True)
+class Step:
+    """What to do next, in a sentence, and the command lines that do it."""
+
+    says: str
+    commands: tuple[str, ...] = ()
+
+
+def quantity_of(check: CheckResult) -> str:
+    """The quantity of a check, in words."""
+    return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
+
+
+def amount_of(check: CheckResult) -> str:
+    """The error beside what is allowed, as "11 % (allowed: 10 %)".
+
+    The truth's own bar stands there only where it is why nothing can be decided, to its second
+    digit: else "5.3 % ± 0.3 %" would look as if it were above 5 %.
+    """
+    value, bar = 100.0 * (check.value or 0.0), 100.0 * check.reference_error
+    allowed = f"(allowed: {100.0 * check.limit:.2g} %)"
+    if not math.isfinite(bar):
+        return f"{value:.2g} % ± an unknown error of the truth {allowed}"
+    if check.verdict is not Verdict.INCONCLUSIVE or bar <= 0.0:
+        return f"{value:.2g} % {allowed}"
+    digits = max(0, 1 - math.floor(math.log10(bar)))
+    return f"{value:.{digits}f} % ± {bar:.{digits}f} % {allowed}"
+
+
+def used_of(check: CheckResult) -> float:
+    """Error and bar as a fraction of the limit."""
+    used = ((check.value or 0.0) + check.reference_error) / check.limit
+    return used if math.isfinite(used) else math.inf
+
+
+def answer_of(result: CaseResult, far: Sequence[CheckResult]) -> str:
+    """Whether each candidate is good enough, what passed first; and whether linear strain is.
+
+    `far` are the checks against the truth, the worst first.
+    """
+    if result.tone == "narrow":
+        return result.scope.caution.capitalize() + "."
+    judged = sorted(result.candidates, key=lambda one: one.verdict is not Verdict.PASSED)
+    says = [_of_one(result, one, far) for one in judged]
+    return " ".join(filter(None, [*says, _linear_strain(result, far)]))
+
+
+def _of_one(result: CaseResult, judged: Judged, far: Sequence[CheckResult]) -> str:
+    """Whether one candidate is good enough, by the number that decides it."""
+    who, verdict = judged.name, _verdict_of(result, judged)
+    own = [check for check in far if check.element is judged.element]
+    if verdict is Verdict.PASSED:
+        if not own:
+            return f"{who} passed every check, none of them against the truth."
+        return f"{who} is good enough: its {_off(own[0])}."
+    wrong = [c for c in _checks_of(result, judged) if c.verdict is verdict]
+    if verdict is Verdict.INCONCLUSIVE:
+        first = next((c for c in own if c in wrong), None)
+        if first is not None:
+            return f"It cannot be said whether {who} is good enough: its {_off(first)}."
+        why = wrong[0].message if wrong else "what was checked does not support a verdict"
+        return f"It cannot be said whether {who} is good enough: {why.rstrip('.')}."
+    same = [c for c in wrong if c.against == "same_mesh" and c.value is not None]
+    stated = next((c for c in wrong if c.metric == STATED), None)
+    if same:
+        worst = max(same, key=used_of)
+        off = f"its {quantity_of(worst)} is {100.0 * (worst.value or 0.0):.2g} % off"
+        return f"{who} does not solve the case's equations: on the same mesh already, {off}."
+    first = next((c for c in own if c in wrong), None)
+    if first is not None:
+        return f"{who} is not good enough: its {_off(first)}."
+    if stated is not None:
+        return f"{who} says that it solved other equations: {stated.message}."
+    why = f": {wrong[0].message.rstrip('.')}" if wrong else ""
+    return f"{who} is not good enough: a check of the result itself failed{why}."
+
+
+def _off(check: CheckResult) -> str:
+    return f"{quantity_of(check)} is off by {amount_of(check)}"
+
+
+def _linear_strain(result: CaseResult, far: Sequence[CheckResult]) -> str:
+    """Whether linear strain may stand in for Green's; "" where the case does not tell."""
+    asked = next((c for c in far if c.metric == "displacement_l2"), None)
+    if asked is None or asked.strain is not Strain.GREEN or result.problem.time is not None:
+        return ""
+    linear = [s for s in result.states if s.strain is Strain.LINEAR]
+    # The truth's own linear solution comes first: between the two there is the strain alone. Then
+    # smoothed tetrahedra, whose own error is small beside it.
+    linear = [s for s in linear if s.degree > 1 or not s.is_reference]
+    linear.sort(key=lambda s: (s.degree, len(s.label), s.element is Element.SMOOTHED), reverse=True)
+    found = [s for s in linear if s.is_reference] or linear
+    green = [
+        s
+        for s in result.states
+        if s.is_reference
+        and s.strain is Strain.GREEN
+        and s.degree > 1
+        and found
+        and s.displacement.shape == found[0].displacement.shape
+    ]
+    if not green:
+        return ""
+    # The finer truth has the longer name.
+    truth = max(green, key=lambda state: len(state.label))
+    value = measure("displacement_l2", result.problem, found[0], truth).value
+    verdict = decide(value, asked.reference_error, asked.limit)
+    if not math.isfinite(value):
+        return ""
+    may = {Verdict.PASSED: "may stand in", Verdict.FAILED: "may not stand in"}.get(
+        verdict, "can neither be allowed nor ruled out to stand in"
+    )
+    return (
+        f"Linear strain {may} for Green's: with it displacement is off by {100.0 * value:.2g} % "
+        f"(allowed: {100.0 * asked.limit:.2g} %)."
+    )
+
+
+def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> tuple[Step, ...]:
+    """What to do next: to use it, to correct it, or to make it decidable.
+
+    `mistake` is what the diagnosis found in place of the case's equations, "" for nothing.
+    """
+    called = shlex.quote(str(result.provenance.get("called") or result.name))
+    # What passed without a truth is not recommended.
+    good = [
+        j
+        for j in result.candidates
+        if _verdict_of(result, j) is Verdict.PASSED and math.isfinite(_farthest(far, j))
+    ]
+    if result.tone == "narrow":
+        words = (
+            "Nothing was compared with the truth: add a check against it to the case, with what "
+            "the use allows; where none is stored yet, build it, then judge again."
+        )
+        return (Step(words, (f"palpate reference build {called}", f"palpate gate {called}")),)
+    if good:
+        best = min(good, key=lambda one: _farthest(far, one))
+        words = (
+            f"Use {best.name} for this and no more; judge it again whenever it or the case changes."
+        )
+        return (Step(words, _again(result, best, called)),)
+    if result.verdict is Verdict.INCONCLUSIVE:
+        return (_decide_it(result, far, called),)
+    judged = next(
+        (j for j in result.candidates if _verdict_of(result, j) is Verdict.FAILED),
+        result.candidates[0],
+    )
+    failed = [c for c in _checks_of(result, judged) if c.verdict is Verdict.FAILED]
+    if mistake:
+        words = f"Correct this first: {mistake}. Then judge it again."
+        return (Step(words, _again(result, judged, called)),)
+    if any(c.metric == STATED for c in failed):
+        words = (
+            "Let it solve what the case asks for, or ask for what it solves; then judge it again."
+        )
+        return (Step(words, _again(result, judged, called)),)
+    if not any(c in far for c in failed) or any(c.against == "same_mesh" for c in failed):
+        words = (
+            "Find the equation that it does not satisfy: measure its result against each of them."
+        )
+        return (Step(words, (f"palpate audit {called} RESULT",)),)
+    if _is_ours(result, judged) and judged.element is Element.LINEAR:
+        words = (
+            "Its mesh is too coarse for linear tetrahedra: judge smoothed ones on the same mesh."
+        )
+        return (Step(words, (_SMOOTHED.format(called),)),)
+    words = (
+        "The mesh is too coarse for this use: halve its edges in the case, see what that costs, "
+        "and judge it again."
+    )
+    return (Step(words, (f"palpate check {called}", *_again(result, judged, called))),)
+
+
+def _decide_it(result: CaseResult, far: Sequence[CheckResult], called: str) -> Step:
+    """What would turn an inconclusive case into one that is decided."""
+    left = [c for c in result.checks if c.verdict is Verdict.INCONCLUSIVE]
+    anew = (f"palpate reference build {called}", f"palpate reference accept {called} --reason TEXT")
+    if not left:
+        return Step(f"{_last_note(result)} Then judge it again.", (f"palpate gate {called}",))
+    check = next((c for c in far if c in left), left[0])
+    if OWN_MESH_REMEDY in check.message:
+        return Step(f"{_sentence(OWN_MESH_REMEDY)}; then judge it again.", anew)
+    if check.value is None or not math.isfinite(check.reference_error):
+        words = "There is no reference that could decide it: build it where FEniCSx is installed"
+        return Step(f"{words}, accept it, and judge it again.", (*anew, f"palpate gate {called}"))
+    room, limit = 100.0 * abs(check.value - check.limit), 100.0 * check.limit
+    words = (
+        f"The truth is not known well enough to decide: build one whose error bar on "
+        f"{quantity_of(check)} is below {room:.2g} % (the case's section on the truth asks for "
+        f"it), take a finer mesh, or state with its reason another need than {limit:.2g} %."
+    )
+    return Step(words, anew)
+
+
+def _again(result: CaseResult, judged: Judged, called: str) -> tuple[str, ...]:
+    """The command that judges one candidate again: the one that was given, if it was one."""
+    if _is_ours(result, judged):
+        is_linear = judged.element is Element.LINEAR
+        return (f"palpate gate {called}" if is_linear else _SMOOTHED.format(called),)
+    given = str(result.provenance.get("command", ""))
+    is_one = given.startswith(("palpate gate ", "palpate report ", "palpate compare "))
+    return (given,) if is_one else ()
+
+
+def _is_ours(result: CaseResult, judged: Judged) -> bool:
+    simulators = {s.simulator for s in result.states if s.label == judged.name}
+    return simulators == {"fastsim"}
+
+
+def _verdict_of(result: CaseResult, judged: Judged) -> Verdict:
+    """A candidate's verdict; of one alone that of the case, which counts notes too."""
+    return judged.verdict if len(result.candidates) > 1 else result.verdict
+
+
+def _checks_of(result: CaseResult, judged: Judged) -> list[CheckResult]:
+    """The checks of one candidate; those of its element, as results say no more."""
+    several = len(result.candidates) > 1
+    return [c for c in result.checks if not several or c.element is judged.element]
+
+
+def _farthest(far: Sequence[CheckResult], judged: Judged) -> float:
+    own = [used_of(c) for c in far if c.scope is Scope.TRUTH and c.element is judged.element]
+    return max(own, default=math.inf)
+
+
+def _last_note(result: CaseResult) -> str:
+    """Why nothing that was checked says anything; the judge's last note tells it."""
+    return _sentence(result.notes[-1].removeprefix("Inconclusive: ")) if result.notes else ""
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
