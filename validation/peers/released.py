@@ -2,7 +2,7 @@
 
 All that speaks with the package index is pip, by its own configuration; nothing that it prints,
 which may name the index, is shown or stored. Only wheels are installed: nothing is built here.
-Environments are kept in a cache, $XDG_CACHE_HOME/palpate/released or ~/.cache/palpate/released.
+Environments are stored in a cache, $XDG_CACHE_HOME/palpate/released or ~/.cache/palpate/released.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def write_wheel(folder, version, times):
 
 @pytest.fixture
 def index(tmp_path, monkeypatch):
-    """pip sees these wheels alone, and environments are kept in the test's folder."""
+    """pip sees these wheels alone, and environments are stored in the test's folder."""
     folder = tmp_path / "wheels"
     folder.mkdir()
     for version, times in VERSIONS.items():
