@@ -104,14 +104,12 @@ FacetConstraint<Real>::ahead(std::uint32_t vertex, const Motion<Real> &motion) {
     if (found.is_known)
         return found;
     const auto &[entry, rest, edge] = _vertices[vertex];
-    for (std::size_t j = 0; j < 3; ++j) {
-        const std::size_t i = entry + j;
-        found.mobility[j] = static_cast<double>(motion.mobility[i]);
-        const double increment = next_increment(
-            static_cast<double>(motion.keep), static_cast<double>(motion.increment[i]),
-            found.mobility[j], static_cast<double>(motion.external[i] - motion.force[i]));
-        found.place[j] = rest[j] + static_cast<double>(motion.displacement[i]) + increment;
-    }
+    Point now = rest;
+    for (std::size_t j = 0; j < 3; ++j)
+        now[j] += static_cast<double>(motion.displacement[entry + j]);
+    const Mover mover = mover_of(motion, entry, now);
+    found.mobility = mover.mobility;
+    found.place = mover.after({});
     found.force = {};
     found.is_known = true;
     return found;

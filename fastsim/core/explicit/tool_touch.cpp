@@ -10,31 +10,6 @@ namespace fastsim {
 
 namespace {
 
-/// One vertex, in double precision whatever the body's.
-struct Mover {
-    Point place, increment, mobility;
-
-    Point after(const Point &force) const {
-        Point at = place;
-        for (std::size_t j = 0; j < 3; ++j)
-            at[j] += increment[j] + mobility[j] * force[j];
-        return at;
-    }
-};
-
-template <typename Real>
-Mover mover_of(const Motion<Real> &motion, std::size_t entry, const Point &place) {
-    Mover mover{place, {}, {}};
-    for (std::size_t j = 0; j < 3; ++j) {
-        const std::size_t i = entry + j;
-        mover.mobility[j] = static_cast<double>(motion.mobility[i]);
-        mover.increment[j] = next_increment(
-            static_cast<double>(motion.keep), static_cast<double>(motion.increment[i]),
-            mover.mobility[j], static_cast<double>(motion.external[i] - motion.force[i]));
-    }
-    return mover;
-}
-
 /// Gap of a place in space; see `gap_on_way`.
 Gap gap_at(const ToolShape &shape, const Pose &pose, const Point &place, const WayIn &way) {
     Gap found = gap_on_way(shape, pose.to_tool(place), way);

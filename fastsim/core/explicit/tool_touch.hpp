@@ -57,6 +57,32 @@ struct Reaction {
     double fastest = 0.0;
 };
 
+/// One vertex as the coming step would move it, in double precision whatever the body's.
+struct Mover {
+    Point place, increment, mobility;
+
+    /// Where it is at the end of the step under a further force.
+    Point after(const Point &force) const {
+        Point at = place;
+        for (std::size_t j = 0; j < 3; ++j)
+            at[j] += increment[j] + mobility[j] * force[j];
+        return at;
+    }
+};
+
+template <typename Real>
+Mover mover_of(const Motion<Real> &motion, std::size_t entry, const Point &place) {
+    Mover mover{place, {}, {}};
+    for (std::size_t j = 0; j < 3; ++j) {
+        const std::size_t i = entry + j;
+        mover.mobility[j] = static_cast<double>(motion.mobility[i]);
+        mover.increment[j] = next_increment(
+            static_cast<double>(motion.keep), static_cast<double>(motion.increment[i]),
+            mover.mobility[j], static_cast<double>(motion.external[i] - motion.force[i]));
+    }
+    return mover;
+}
+
 /// Takes the forces of a tool on some vertices off the body's, and adds them to the push; the
 /// records of touched ones are added to those of the thread. Of vertices near the tool it notes
 /// where they are beside it.
