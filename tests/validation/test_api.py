@@ -187,6 +187,8 @@ def test_a_function_that_ends_python_when_its_numbers_are_read_has_failed() -> N
 def test_an_interrupt_of_the_user_ends_the_script_while_a_function_runs() -> None:
     done = python(
         "import os, signal, threading, time, palpate\n"
+        # A shell's background jobs, and what they start, ignore it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(problem):\n"
         "    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
         "    time.sleep(30)\n"

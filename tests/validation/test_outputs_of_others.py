@@ -56,6 +56,7 @@ FOLDERS = {
     ("sweep", "--output"): "sweep block.toml --vary material.poissons_ratio=0.1,0.2 -o {}",
     ("scoreboard", "--output"): "scoreboard block.toml -o {}",
     ("export", "--output"): "export block.toml -o {}",
+    ("history", "--output"): "history mujoco block.toml -o {}",
 }
 # New names alone (tests/validation/live/test_touched.py); names that are hashes.
 NEW_NAMES = {("touch", "--output"), ("scoreboard", "--cached")}

@@ -248,6 +248,7 @@ def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:
     assert rows["case key"] == kidney.provenance["case_key"]
     assert "num cells 4860" in rows["mesh"]
     assert f"dolfinx {kidney.provenance['reference']['versions']['dolfinx']}" in rows["with"]
-    assert all(len(value) < 300 for value in rows.values())
+    own = {name: value for name, value in rows.items() if name != "command"}  # pytest's here
+    assert all(len(value) < 300 for value in own.values())
     assert provenance_rows({}) == []
     assert json.loads(record_text(kidney.provenance)) == for_json(kidney.provenance)
