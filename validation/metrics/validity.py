@@ -136,7 +136,7 @@ def largest_rotation(mesh: TetMesh, displacement: Points) -> float:
     order = np.argsort(angles)
     volume = np.cumsum(mesh.cell_volumes[order])
     k = int(np.searchsorted(volume, (1.0 - _LEFT_OUT) * volume[-1]))
-    return float(angles[order][min(k, len(order) - 1)])
+    return float(angles[order][k])
 
 
 def describe_rotation(mesh: TetMesh, displacement: Points) -> str:

@@ -6,6 +6,8 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ import palpate
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
-from palpate.validation.judging.versus import judge_versus, read_limits
+from palpate.validation.judging.versus import _are_identical, judge_versus, read_limits
 from palpate.validation.peers import adapters
 from palpate.validation.states import Verdict
 
@@ -187,3 +189,13 @@ def test_each_of_the_two_is_named_and_own_checks_are_those_of_the_cases_strain(t
     linear = palpate.load_case(path)
     found = judge_versus(linear, stretched_by(1.01), fastsim_candidate(), limits={"volume": 0.1})
     assert {c.strain for c in found.checks} == {"linear"}
+
+
+def test_results_on_meshes_of_their_own_of_other_sizes_are_not_identical() -> None:
+    def of(*shapes: int) -> Any:
+        fields = [np.zeros((number, 3)) for number in shapes]
+        return SimpleNamespace(max_displacement=1.0, fields=fields)
+
+    assert _are_identical(of(8), of(8))
+    for one, other in ((of(8), of(9)), (of(1), of(8)), (of(8), of(1)), (of(8, 8), of(8))):
+        assert not _are_identical(one, other)

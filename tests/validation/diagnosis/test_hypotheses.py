@@ -13,17 +13,24 @@ from judged import case_of, solved, state_of
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.boundary_conditions import BodyForce
+from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis import diagnose
 from palpate.validation.diagnosis.explanation import in_words
-from palpate.validation.diagnosis.law_checks import seeded_mistakes
+from palpate.validation.diagnosis.law_checks import name_of_stress, seeded_mistakes
 from palpate.validation.diagnosis.law_simulators import deformations, example_material
 from palpate.validation.diagnosis.motion_hypotheses import _misfit, motion_hypotheses
 from palpate.validation.diagnosis.result_hypotheses import result_hypotheses
-from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses, tool_force_hypotheses
+from palpate.validation.diagnosis.static_hypotheses import (
+    lame_factor_words,
+    lame_hypotheses,
+    lame_of,
+    tool_force_hypotheses,
+)
 from palpate.validation.metrics.body import body_of
+from palpate.validation.metrics.laws import finite_stress
 from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 
 GREEN = Strain.GREEN
@@ -181,3 +188,55 @@ def test_only_few_points_are_said_to_be_where_the_equations_fail() -> None:
         moved[free[:count]] += 1e-3 * rng.standard_normal((count, 3)) * np.abs(right).max()
         found = diagnose(problem, state_of(problem, moved), None)
         assert ("hold but at" in found.hint) is is_said
+
+
+def test_a_motion_of_few_outputs_is_not_explained_by_a_shift_that_leaves_fewer_than_three() -> None:
+    reference = np.arange(4.0)[:, None, None] * np.ones((2, 3))
+    found = {e.name for e in result_hypotheses(2.5 * reference, reference, np.zeros((2, 3)))}
+    late, early = "time shifted: 1 output late", "time shifted: 1 output early"
+    assert {name for name in found if name.startswith("time shifted")} == {late, early}
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1.0, ""),
+        (1.234, ""),
+        (2.0, "Lamé's lmbda 2.000 times what was asked"),
+        (0.7, "Lamé's lmbda 0.700 times what was asked = (1 - nu)"),
+        (2.5, "Lamé's lmbda 2.500 times what was asked = 1 / (1 - 2 nu)"),
+    ],
+)
+def test_a_known_factor_of_one_of_lames_parameters_at_nu_0_3(factor: float, words: str) -> None:
+    assert lame_factor_words("lmbda", factor, 0.3) == words
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3, 100.0, 0.01, 1e6, 1e-6])
+def test_a_result_whose_lengths_were_given_in_another_unit_is_named(factor: float) -> None:
+    """The same force on a body so many times as large: its area by the square of that."""
+    problem = case_of("block").problem
+    points = problem.mesh.points
+    facets = problem.mesh.boundary_facets
+    end = facets[(points[facets][:, :, 0] > points[:, 0].max() - 1e-9).all(axis=1)]
+    x, z = 500.0, 300.0
+    pulled = replace(problem, loads=(Traction(end, (factor**2 * x, 0.0, factor**2 * z)),))
+    larger = TetMesh(factor * points, problem.mesh.cells)
+    stretched = replace(problem, mesh=larger, loads=(Traction(end, (x, 0.0, z)),))
+    result = state_of(pulled, solved(stretched).displacement)
+    names = [e.name for e in diagnose(pulled, result, None).explanations]
+    assert any(name.startswith(f"lengths given {in_words(factor)}") for name in names), names
+
+
+def test_a_stress_of_no_law_is_said_where_it_is_farthest_off() -> None:
+    material = example_material(Law.SAINT_VENANT_KIRCHHOFF)
+    F = deformations(material.law)["shear"]
+    lmbda, mu = (np.full(len(F), of) for of in lame_of(material))
+    right = finite_stress(material.law, F - np.eye(3), lmbda, mu, 0.0 * mu)
+    wrong = right.copy()
+    wrong[1, 0, 2] += 0.5 * np.abs(right).max()
+    assert name_of_stress(wrong, material, F) == (
+        f"the stress is of no law known here: P13 = {wrong[1, 0, 2]:.6g} Pa where "
+        f"{right[1, 0, 2]:.6g} Pa was stated"
+    )
+    stiffer = finite_stress(material.law, F - np.eye(3), 2.0 * lmbda, mu, 0.0 * mu)
+    assert "lmbda times 2 and mu times 1" in name_of_stress(stiffer, material, F)

@@ -114,6 +114,7 @@ def test_two_materials_are_a_body_and_an_inclusion(bring):
         ("<v>0.4</v>", "", "needs <v>"),
         ("<v>0.4</v>", "<v>0.4</v><k>3</k>", "<k> in <material> is not known"),
         ("<E>0.1", '<E type="map">0.1', "<E> varies in space or time"),
+        ("<E>0.1", '<E type="array">0.1', "<E> varies in space or time"),
         ("<E>0.1", "<E>stiff", "'stiff' is no number"),
         ('type="tet4"', 'type="hex20"', "elements of type 'hex20'; a case has tetrahedra"),
         ("SolidDomain", "ShellDomain", "no <SolidDomain> for the elements 'Part1'"),

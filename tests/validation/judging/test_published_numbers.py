@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judged import GREEN, solved
+from judged import GREEN, solved, state_of
 from pydantic import ValidationError
 
 from palpate.meshes.errors import InputError
@@ -22,7 +22,13 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import on_own_mesh
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.checks import CaseJudge, name_of_bar, number_of
+from palpate.validation.case.units import Units
+from palpate.validation.judging.checks import (
+    CaseJudge,
+    compare_published,
+    name_of_bar,
+    number_of,
+)
 from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import stress_integrals
@@ -387,3 +393,27 @@ def test_of_a_motion_it_is_the_last_state(tmp_path: Path):
         moved, displacement=0.75 * last.displacement, volume=case.problem.mesh.volume * 0.925
     )
     assert {found.verdict for found in judged(case, early)} == {Verdict.FAILED}
+
+
+@pytest.mark.parametrize("other", [0.012, 0.008])
+def test_a_displacement_read_between_outputs_is_as_doubtful_as_two_readings_are_apart(
+    other: float,
+) -> None:
+    """1 cm in the one reading and 2 mm farther or nearer in the other, of 1 cm expected."""
+    case = load_case("block")
+    number = CheckSpec(
+        metric="published_displacement", against="candidate", at=(40.0, 0.0, 0.0), component="x",
+        expected=10.0, limit=0.5, reason="r",
+    )  # fmt: skip
+    moved = np.zeros_like(case.problem.mesh.points)
+    moved[:, 0] = 0.010
+    state = state_of(case.problem, moved)
+    again = dataclasses.replace(state, displacement=other / 0.010 * moved)
+    found = compare_published(
+        number,
+        case.problem,
+        dataclasses.replace(state, other_reading=again),
+        Units(length="mm", stress="kPa"),
+    )
+    assert found.error == pytest.approx(0.0, abs=1e-12)
+    assert found.uncertainty == pytest.approx(0.2)

@@ -19,7 +19,7 @@ from palpate.validation import metrics
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import nearest_on_surface
 from palpate.validation.judging.checks import decide, judge_check
-from palpate.validation.metrics.comparison import surface_distances
+from palpate.validation.metrics.comparison import _stride, surface_distances
 from palpate.validation.states import State, Verdict, gravest
 
 MESH = refine_uniformly(TetMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]]))
@@ -199,3 +199,16 @@ def test_a_shifted_box_is_off_by_the_shift_and_sliding_is_seen_at_the_ends_only(
     mean = metrics.measure("surface_mean_distance", problem, candidate, reference)
     # The two ends, 2 of 10 areas, are 0.01 off; of the sides only what sticks out.
     assert 0.02 < mean.value < 0.03
+
+
+@pytest.mark.parametrize("shift", [0.0, 50.0])
+@pytest.mark.parametrize(("larger", "stride"), [(1.0, 1), (2.0, 1), (6.0, 9), (100.0, 4)])
+def test_facets_are_left_out_towards_a_surface_torn_much_larger(
+    larger: float, stride: int, shift: float
+) -> None:
+    """Every (larger / 2)^2-th, but never fewer than 64 of them; wherever the surfaces are."""
+    facet = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    number = 64 * 9 if larger < 50.0 else 64 * 4
+    facets = np.tile(np.arange(3), (number, 1))
+    pair = (facet + shift, facets, larger * facet + shift, facets)
+    assert _stride(pair) == stride

@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from judged import state_of
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
-from palpate.validation.references.geometry import with_geometry
+from palpate.validation.references.adaptive_truth import ENERGY as ADAPTIVE_ENERGY
+from palpate.validation.references.geometry import _compare_stresses, with_geometry
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, ReferenceSet
 from palpate.validation.references.runs import solve_state
 from palpate.validation.references.statics import estimate_bars
@@ -136,3 +138,13 @@ def test_stress_has_a_geometry_part_too(judged):
     assert found.value <= found.reference_error
     assert found.bar_parts["geometry"] > 0.01
     assert "its geometry adds up to" in found.message
+
+
+def test_energies_of_a_body_and_its_true_shape_differ_by_their_ratio() -> None:
+    """Displacements of 1.1 times the size have 1.21 times the energy under linear strain."""
+    problem = load_case("block").problem
+    once = state_of(problem, 1e-3 * problem.mesh.points, Strain.LINEAR)
+    more = state_of(problem, 1.1e-3 * problem.mesh.points, Strain.LINEAR)
+    for other, ratio in ((once, 0.0), (more, 0.21)):
+        found = _compare_stresses(problem, (problem, once), (problem, other), {})
+        assert found == {ADAPTIVE_ENERGY: pytest.approx(ratio, abs=1e-12)}

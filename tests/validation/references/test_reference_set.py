@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import references_of
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -19,13 +21,14 @@ from palpate.reference.errors import (
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.judge import judge_case
+from palpate.validation.metrics.numbers import Number
 from palpate.validation.references import solved_again, statics
 from palpate.validation.references.adaptive_truth import TruthRequest
-from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH
 from palpate.validation.references.runs import solve_reference
 from palpate.validation.references.solved_again import Comparison
 from palpate.validation.references.statics import solve_live
-from palpate.validation.states import State, Verdict
+from palpate.validation.states import CellStresses, State, Verdict
 
 WriteCase = Callable[..., Path]
 LOST = ReferenceNotConvergedError(0.504, "a cell would invert", 0.33)
@@ -162,3 +165,17 @@ def test_degree_three_is_for_statics() -> None:
     problem = load_case("block-motion").problem
     with pytest.raises(InputError, match="degree 3 is for statics"):
         solve_reference(problem, Strain.GREEN, 3, lambda _line: None)
+
+
+def test_a_number_that_a_solution_does_not_have_has_no_finite_bar() -> None:
+    references, problem = references_of("block"), load_case("block").problem
+    solved_here = {key: s for key, s in references.states.items() if key[0] != TRUTH}
+    key = QUADRATIC, Strain.GREEN
+    none = np.zeros((problem.mesh.num_cells, 3, 3))
+    solved_here[key] = dataclasses.replace(solved_here[key], stresses=CellStresses(none, none))
+    here = dataclasses.replace(references, states=solved_here)
+    asked = problem, Strain.GREEN, "published_energy", "energy"
+    known = here.bar_of_number(*asked, lambda _state: Number(2.0, scale=4.0))
+    assert 0.0 <= known < 1e-6
+    assert here.bar_of_number(*asked, lambda _state: None) == math.inf
+    assert here.bar_of_number(*asked, lambda _state: Number(2.0, scale=0.0)) == math.inf

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.dynamics import simulate
+from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.bricks import brick_box
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.metrics import make_state
 from palpate.validation.references.bars import PARTS
@@ -23,7 +24,7 @@ from palpate.validation.references.reference_set import (
     TRUTH,
 )
 from palpate.validation.references.runs import at_points_of
-from palpate.validation.references.soundness import find_contradictions
+from palpate.validation.references.soundness import _gap_of_slopes, find_contradictions
 from palpate.validation.references.stored import (
     UnsoundReferenceError,
     accepted_path,
@@ -349,3 +350,15 @@ def test_parts_of_a_bar_add_up_to_it_but_for_rounding(factor, is_other):
     table["displacement_l2|green"]["discretisation"] *= factor
     other = dataclasses.replace(references, provenance={**references.provenance, PARTS: table})
     assert ("add up to" in contradictions(problem, other)) is is_other
+
+
+def test_the_gap_of_a_slope_is_the_part_of_a_displacement_across_it():
+    """A wall whose normal is (0, 3, 4) / 5: of (1, 2, 3) m, 18 / 5 m go through it."""
+    mesh = brick_box((1, 1, 1), (1.0, 1.0, 1.0))
+    wall = Support(np.arange(3, dtype=np.int32), normal=(0.0, 0.6, 0.8))
+    problem = Problem(mesh, Material(1.0, 0.3), (wall,), ())
+    moved = np.zeros_like(mesh.points)
+    assert _gap_of_slopes(problem, None, moved) == 0.0
+    moved[1] = [1.0, 2.0, 3.0]
+    # Its largest component is that along z: 0.8 times 18 / 5.
+    assert _gap_of_slopes(problem, None, moved) == pytest.approx(0.8 * 18.0 / 5.0)
