@@ -143,7 +143,8 @@ def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[st
     """
     by_line = lines.get(mutant.path, {})
     found = by_line.get(mutant.line, set()) - {""}
-    if not found:
+    # Outside of functions it is the test that happens to import the file first.
+    if not found or f"{mutant.path}: None: " in mutant.location:
         found = set().union(*by_line.values()) - {""}
     quick = [name for name in found if seconds.get(name, 0.0) <= LONGEST]
     quick.sort(key=lambda name: seconds.get(name, 0.0))
