@@ -23,13 +23,27 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.own_files import own_path
+from palpate.meshes.ply_files import read_ply
 from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
+from palpate.meshes.surface_files import (
+    Polygons,
+    is_binary_stl,
+    read_binary_stl,
+    read_by_vtk,
+    read_obj,
+    read_off,
+    read_text_stl,
+    triangles_of,
+)
 from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
+# Read with VTK's help, and not written.
+_BY_VTK = (".vtp", ".glb", ".gltf")
+READ_SURFACE_SUFFIXES = (*SURFACE_SUFFIXES, *_BY_VTK)
 MESH_SUFFIXES = (".msh", ".vtk", ".vtu")
 
 # Memory that the arrays of a file may take: five million cells with some fields.
@@ -37,12 +51,8 @@ MOST_BYTES = 512 * 1024**2
 # Memory for the reader besides: it makes Python lists of text and copies arrays several times.
 _SPARE_BYTES, _PER_FILE_BYTE, _PER_UNPACKED_BYTE = 256 * 1024**2, 64, 6
 
-# Whose readers ask for lines until one comes that they know; the others stop by themselves.
-_BY_LINES = (".ply", ".off", ".obj", ".msh")
 # Reads past the end of a file after which it counts as cut off: a reader that stops makes few.
 _MOST_PAST_END = 1000
-_PLY_COUNT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
-_PLY_HEADER_BYTES = 10_000
 
 # meshio with numpy 2 writes the fields of an ASCII .msh as np.float64(0.5), and cannot read them.
 _TEXT_MSH = re.compile(rb"\$MeshFormat\s+\S+\s+0\s")
@@ -50,6 +60,9 @@ _NUMPY_NUMBER = re.compile(rb"\bnp\.float\d+\(([^()\s]*)\)")
 
 # Cells of lower dimension that may stand beside the wanted ones.
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
+_POLYGONS = {"triangle", "quad"}
+_HEADER_BYTES = 1000
+_POLY_DATA = re.compile(rb"^DATASET\s+POLYDATA\b", re.MULTILINE | re.IGNORECASE)
 
 
 def read_surface(
@@ -59,12 +72,13 @@ def read_surface(
     tell: Callable[[str], None] | None = None,
     given: Callable[[Points], None] | None = None,
 ) -> TriSurface:
-    """Read a triangulated surface; points that are equal bit for bit are merged.
+    """Read a surface of polygons; points that are equal bit for bit are merged.
 
     Points without a facet are left out.
 
     Args:
-        path: STL, OBJ, PLY, OFF, MSH, VTK or VTU; of a volume mesh, its triangles are read.
+        path: STL, OBJ, PLY, OFF, MSH, VTK, VTU, or with VTK installed VTP, GLB or GLTF; of a
+            volume mesh, its facets are read. Polygons are cut into triangles.
         scale: Metres per unit of the file (0.001 for millimetres).
         tell: Called with one line of text for each remark: points left out, pairs of points that
             nearly coincide.
@@ -74,23 +88,56 @@ def read_surface(
         The surface [m], equal points merged.
 
     Raises:
-        FileFormatError: Missing, damaged, of another kind, or without triangles.
+        FileFormatError: Missing, damaged, of another kind, without polygons, or with one that
+            crosses itself.
         MeshError: Coordinates or indices that cannot be used.
     """
-    data = _read(path, SURFACE_SUFFIXES)
-    facets = _cells_of(data, "triangle")
+    points, polygons = _polygons_of(path)
+    facets = triangles_of(path, points, polygons)
     if len(facets) == 0:
-        kinds = sorted({block.type for block in data.cells}) or ["nothing"]
-        raise FileFormatError(path, f"holds no triangles (it holds: {', '.join(kinds)})")
-    _refuse_other_cells(path, data, {"tetra"})
+        raise FileFormatError(path, "holds no triangles or other polygons")
     with _named(path):
-        surface = TriSurface(_scaled(data.points, scale), facets)
+        surface = TriSurface(_scaled(points, scale), facets)
         merged = merge_equal_points(surface)
         if tell:
+            others = sum(len(block) for block in polygons if block.shape[1] > 3)
+            if others:
+                tell(f"{others} polygon(s) of more than three corners cut into triangles")
             _tell_about_points(surface, merged, tell)
         if given:
-            given(np.asarray(data.points, dtype=np.float64))
+            given(points)
         return merged
+
+
+def _polygons_of(path: str | Path) -> Polygons:
+    """Points and polygons, by the reader of its kind."""
+    file = Path(path)
+    suffix = _known_suffix(file, READ_SURFACE_SUFFIXES)
+    with open_plain(file, most_bytes=4 * MOST_BYTES) as stream:
+        start = stream.read(_HEADER_BYTES)
+        size = stream.seek(0, io.SEEK_END)
+    own = {".obj": read_obj, ".off": read_off, ".ply": read_ply}.get(suffix)
+    if suffix == ".stl":
+        own = read_binary_stl if is_binary_stl(file) else read_text_stl
+    if suffix in _BY_VTK or (suffix == ".vtk" and _POLY_DATA.search(start)):
+        own = read_by_vtk
+    if own is not None:
+        try:
+            with limited_memory(_SPARE_BYTES + _PER_FILE_BYTE * size):
+                points, polygons = own(file)
+        except MemoryError as error:
+            raise FileFormatError(path, "needs more memory than a file of its size may") from error
+        if len(points) == 0:
+            raise FileFormatError(path, "holds no points (empty or cut off)")
+        return points, polygons
+    data = _read(path, SURFACE_SUFFIXES)
+    _refuse_other_cells(path, data, {"tetra"})
+    blocks = [
+        np.asarray(block.data, dtype=np.int64)
+        for block in data.cells
+        if block.type in _POLYGONS or block.type.startswith("polygon")
+    ]
+    return np.asarray(data.points, dtype=np.float64), blocks
 
 
 def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
@@ -238,10 +285,7 @@ def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES
     file = Path(path)
     suffix = _known_suffix(file, known)
     with open_plain(file, most_bytes=4 * most_bytes) as stream:
-        start = stream.read(_PLY_HEADER_BYTES if suffix == ".ply" else 0)
         size = stream.seek(0, io.SEEK_END)
-    if any(len(count[1]) > 18 or int(count[1]) > size for count in _PLY_COUNT.finditer(start)):
-        raise FileFormatError(path, "cannot be read as ply (its header states more than it holds)")
     unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
     room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:
@@ -285,16 +329,11 @@ class _Ending(io.BufferedReader):
 
 
 def _read_by_meshio(file: Path, suffix: str) -> Any:
-    if suffix not in _BY_LINES:
+    if suffix != ".msh":
         return meshio.read(file)
-    if suffix == ".msh":
-        with _with_plain_numbers(file) as plain, _Ending(io.FileIO(plain)) as stream:
-            return meshio.gmsh.main.read_buffer(stream)
-    with _Ending(io.FileIO(file)) as stream:
-        if suffix == ".ply":
-            return meshio.read(stream, "ply")
-        with io.TextIOWrapper(stream, encoding="utf-8") as text:
-            return meshio.read(text, suffix[1:])
+    # Its reader asks for lines until one comes that it knows; the others stop by themselves.
+    with _with_plain_numbers(file) as plain, _Ending(io.FileIO(plain)) as stream:
+        return meshio.gmsh.main.read_buffer(stream)
 
 
 @contextlib.contextmanager

@@ -120,7 +120,10 @@ def test_a_cut_off_file_is_refused_or_read_whole(tmp_path: Path, suffix: str, ke
         ("text.stl", b"this is no surface"),
         ("far.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
         ("nan.off", b"OFF\n3 1 0\n0 0 0\n1 0 nan\n0 1 0\n3 0 1 2\n"),
-        ("quads.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 2 3 4\n"),
+        ("crossed.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 2 4\n"),
+        ("curved.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\ncstype bezier\n"),
+        ("short.off", b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+        ("many.off", b"OFF\n99999999999999 2 0\n0 0 0\n"),
         ("unknown.xyz", b"1 2 3"),
     ],
 )

@@ -170,7 +170,7 @@ class GeometrySpec(Table):
     shape: ShapeName | None = None
     """A built-in shape, instead of a file; an octant has x, y, z >= 0, for symmetry planes."""
     surface: str | None = None
-    """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu."""
+    """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu, .vtp, .glb."""
     mesh: str | None = None
     """A mesh of tetrahedra beside this file, instead of a surface: .msh, .vtk, .vtu."""
     repair: Flag = False

@@ -1,0 +1,215 @@
+"""Surfaces as other programs write them: OBJ, OFF and STL as text, and what VTK alone reads.
+
+OBJ by "Advanced Visualizer Manual", appendix B1, Wavefront Technologies 1991; OFF by the Geomview
+manual, "OFF: Object File Format". What is no polygon (lines, texture, normals, groups, colours) is
+left out; curves and surfaces by equations are refused: a part of a body would be missing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import FileFormatError
+from palpate.meshes.polygons import Indices, PolygonError, cut_into_triangles
+from palpate.meshes.supervised import run_supervised
+from palpate.meshes.temporaries import scratch_folder
+
+# Points, and polygons in blocks of as many corners each.
+Polygons = tuple[Points, list[Indices]]
+
+# Statements of OBJ that draw nothing: lines and points, names, texture and shading.
+_OBJ_HARMLESS = {
+    *("vt", "vn", "l", "p", "o", "g", "s", "mg", "mtllib", "usemtl", "usemap", "maplib"),
+    *("shadow_obj", "trace_obj", "lod", "bevel", "c_interp", "d_interp"),
+}  # fmt: skip
+_OFF_HEADER = re.compile(r"\A(ST)?(C)?(N)?OFF\b")
+_STL_HEADER, _STL_RECORD = 84, 50
+_SECONDS = 300.0  # a surface of ten million triangles
+_AS_VTK = Path(__file__).with_name("vtk_surfaces.py")
+
+
+def triangles_of(path: str | Path, points: Points, polygons: list[Indices]) -> NDArray[np.int32]:
+    """All polygons as triangles, (n, 3); see `cut_into_triangles`.
+
+    Raises:
+        FileFormatError: A corner that is no point, or a polygon that cannot be cut.
+    """
+    for block in polygons:
+        if block.size and not (block.min() >= 0 and block.max() < len(points)):
+            worst = block[((block < 0) | (block >= len(points))).any(axis=1)][0]
+            reason = f"a facet names the points {worst.tolist()}, of {len(points)} (from 0)"
+            raise FileFormatError(path, reason)
+    try:
+        return cut_into_triangles(points, polygons).astype(np.int32)
+    except PolygonError as error:
+        raise FileFormatError(path, str(error)) from error
+
+
+def read_obj(path: Path) -> Polygons:
+    """Points and polygons of an OBJ file, whatever texture and normals go with them.
+
+    Raises:
+        FileFormatError: Damaged, or with surfaces that are no polygons.
+    """
+    points: list[list[bytes]] = []
+    by_corners: dict[int, list[list[int]]] = {}
+    text = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    for number, line in enumerate(text.splitlines(), 1):
+        word, *fields = line.split(b"#", 1)[0].split() or [b""]
+        if word == b"v":
+            points.append(fields[:3])
+        elif word in (b"f", b"fo"):
+            try:
+                corners = [int(field.split(b"/", 1)[0]) for field in fields]
+            except ValueError:
+                corners = []
+            if len(corners) < 3 or 0 in corners:
+                reason = f"line {number}: a facet needs three or more numbers of points, from 1"
+                raise FileFormatError(path, reason)
+            # Below 0 they count back from the last point so far.
+            rows = [k - 1 if k > 0 else len(points) + k for k in corners]
+            by_corners.setdefault(len(rows), []).append(rows)
+        elif word and (name := word.decode("ascii", "replace")) not in _OBJ_HARMLESS:
+            raise FileFormatError(path, f"line {number}: {name[:40]!r} is no polygon; export those")
+    return _numbers(path, points), _blocks(path, by_corners)
+
+
+def read_off(path: Path) -> Polygons:
+    """Points and polygons of an OFF file in text, whatever colours and normals go with them.
+
+    Raises:
+        FileFormatError: Damaged, cut off, binary, or of other than three dimensions.
+    """
+    lines = path.read_bytes().decode("latin-1").splitlines()
+    rows = [words for line in lines if (words := line.split("#", 1)[0].split())]
+    header = _OFF_HEADER.match(rows[0][0]) if rows else None
+    if header is None or header.end() != len(rows[0][0]) or "BINARY" in rows[0]:
+        raise FileFormatError(path, "does not begin with OFF in text, in three dimensions")
+    rows = [rows[0][1:], *rows[1:]] if len(rows[0]) > 1 else rows[1:]
+    try:
+        num_points, num_facets = (int(word) for word in rows[0][:2])
+        body = rows[1 : 1 + num_points + num_facets]
+        if min(num_points, num_facets) < 0 or len(body) < num_points + num_facets:
+            raise ValueError(f"{len(rows) - 1} lines of {num_points} points, {num_facets} facets")
+        by_corners: dict[int, list[list[int]]] = {}
+        for row in body[num_points:]:
+            count = int(row[0])
+            if count < 1 or len(row) <= count:
+                raise ValueError(f"a facet of {count} corners in {' '.join(row)[:60]!r}")
+            if count > 2:  # else a point or an edge
+                by_corners.setdefault(count, []).append([int(k) for k in row[1 : count + 1]])
+    except (ValueError, IndexError) as error:
+        raise FileFormatError(path, f"cannot be read as off ({error})") from error
+    points = [[word.encode() for word in row[:3]] for row in body[:num_points]]
+    return _numbers(path, points), _blocks(path, by_corners)
+
+
+def is_binary_stl(path: Path) -> bool:
+    """Whether an STL file is binary: of the size that its number of facets makes it.
+
+    Binary ones may begin with "solid" as well, which is how text ones are told by some readers;
+    those that do not may have more behind their facets.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(_STL_HEADER)
+        size = stream.seek(0, 2)
+    stated = _STL_HEADER + _STL_RECORD * _num_stl_facets(start)
+    return len(start) == _STL_HEADER and (
+        size == stated or (size > stated and not start.lstrip().lower().startswith(b"solid"))
+    )
+
+
+def _num_stl_facets(start: bytes) -> int:
+    return int.from_bytes(start[80:84], "little")
+
+
+def read_text_stl(path: Path) -> Polygons:
+    """Three points for each facet, in capitals or not.
+
+    Raises:
+        FileFormatError: Damaged or cut off: facets without three corners each, or without an end.
+    """
+    words = path.read_bytes().lower().split()
+    marks = np.flatnonzero(np.array(words, dtype="S6") == b"vertex")
+    num_facets = words.count(b"facet")
+    if not words or words[0] != b"solid" or b"endsolid" not in words[-20:]:
+        raise FileFormatError(path, "is no STL, or cut off: text from solid to endsolid")
+    if 3 * num_facets != len(marks) or words.count(b"endloop") != num_facets:
+        reason = f"is damaged or cut off: {len(marks)} corners of {num_facets} facets of three each"
+        raise FileFormatError(path, reason)
+    points = _numbers(path, [words[at + 1 : at + 4] for at in marks])
+    return points, [np.arange(len(points)).reshape(-1, 3)]
+
+
+def read_binary_stl(path: Path) -> Polygons:
+    """Three points for each facet; its stated normal and attributes are left out."""
+    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    whole = path.read_bytes()
+    corners = np.frombuffer(whole, kind, _num_stl_facets(whole), _STL_HEADER)["corners"]
+    return corners.reshape(-1, 3).astype(float), [np.arange(3 * len(corners)).reshape(-1, 3)]
+
+
+def read_by_vtk(path: Path) -> Polygons:
+    """Points and polygons that VTK finds in a file, in a process of its own.
+
+    Raises:
+        FileFormatError: VTK is not installed, finds an error, or does not end in time.
+    """
+    kind = path.suffix[1:].lower()
+    if importlib.util.find_spec("vtkmodules") is None:
+        reason = f"is read as {kind} by VTK alone: pip install 'palpate[pyvista]'"
+        raise FileFormatError(path, reason)
+    with scratch_folder("vtk") as folder:
+        found = folder / "surface.npz"
+        try:
+            done = run_supervised(
+                [sys.executable, str(_AS_VTK), str(path), str(found)], time_limit=_SECONDS
+            )
+        except subprocess.TimeoutExpired as error:
+            raise FileFormatError(path, f"was not read in {_SECONDS:g} s") from error
+        if done.returncode or not found.is_file():
+            said = [line for line in done.stderr.splitlines() if line.strip()]
+            reason = said[-1][:200] if said else f"VTK ended with {done.returncode}"
+            raise FileFormatError(path, f"cannot be read as {kind} ({reason})")
+        with np.load(found, allow_pickle=False) as arrays:
+            points, offsets, corners = (arrays[n] for n in ("points", "offsets", "corners"))
+    counts = np.diff(offsets)
+    blocks = [
+        corners[offsets[:-1][counts == count][:, None] + np.arange(count)]
+        for count in np.unique(counts)
+        if count > 2
+    ]
+    return points.astype(float), blocks
+
+
+def _numbers(path: Path, rows: list[list[bytes]]) -> Points:
+    """Three coordinates of each point."""
+    with contextlib.suppress(ValueError):
+        found: NDArray[np.float64] = np.array(rows, dtype=np.bytes_).astype(np.float64)
+        if found.shape == (len(rows), 3):
+            return found
+    for number, row in enumerate(rows):
+        try:
+            good = len([float(word) for word in row]) == 3
+        except ValueError:
+            good = False
+        if not good:
+            said = b" ".join(row).decode("ascii", "replace")[:60]
+            raise FileFormatError(path, f"point {number} (from 0) is {said!r}, not three numbers")
+    return np.zeros((0, 3))
+
+
+def _blocks(path: Path, by_corners: dict[int, list[list[int]]]) -> list[Indices]:
+    try:
+        return [np.array(by_corners[count], dtype=np.int64) for count in sorted(by_corners)]
+    except OverflowError as error:
+        raise FileFormatError(path, "a facet names a point beyond 2^63") from error
