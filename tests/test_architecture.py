@@ -243,8 +243,9 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45050,
-        "issue 40: history of released versions; issue 38: the report's first screen answers",
+        45150,
+        "issue 39: one cause of all deformations of a law; issue 40: history of released versions; "
+        "issue 38: the report's first screen answers",
     ),
     "tests": (
         56200,
@@ -255,7 +256,10 @@ LINES = {
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
     "validation/commands": (2270, "issue 40: history of released versions"),
-    "validation/diagnosis": (2245, "issue 40: Lamé's parameters by name"),
+    "validation/diagnosis": (
+        2350,
+        "issue 40: Lamé's parameters by name; issue 39: one cause of a law",
+    ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),

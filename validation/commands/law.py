@@ -120,6 +120,10 @@ def _end(material: Material, who: str, found: list[Finding], json: Path | None) 
     for each in wrong:
         lines.append(f"failed: {each.check}, {each.kind}: {each.message}")
         lines.append(f"  at F = {each.worst.round(6).tolist()}")
+    causes = {each.message for each in wrong if each.check == "law as stated"}
+    number = f"{len(wrong)} of {len(found)}" if wrong else f"{len(found)}"
+    verdict = f"{'FAILED' if wrong else 'passed'}: {number} checks"
+    lines.append(verdict + (f"; {causes.pop()}" if len(causes) == 1 else ""))
     print_lines(lines)
     rows = [
         {

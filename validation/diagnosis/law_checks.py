@@ -31,7 +31,7 @@ from palpate.validation.diagnosis.law_simulators import (
 from palpate.validation.diagnosis.static_hypotheses import lame_of
 from palpate.validation.metrics.laws import OgdenTerms, finite_stress, linear, stress_change
 from palpate.validation.metrics.smoothing import Array
-from palpate.validation.states import Progress
+from palpate.validation.states import CandidateFailedError, Progress
 
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
 # or so; a derivative that is off in any user's sense is off by more than a tenth of a million.
@@ -65,13 +65,17 @@ class Finding:
 def check_law(law: LawOf, material: Material) -> list[Finding]:
     """A finding for each check and kind of deformation of a law with the material as stated."""
     found = list(_at_rest(law, material))
-    for kind, F in deformations(material.law).items():
+    kinds = deformations(material.law)
+    every = np.concatenate(list(kinds.values()))
+    stresses = np.concatenate([law.stress(F) for F in kinds.values()])
+    cause = cause_of_stress(stresses, material, every)
+    for kind, F in kinds.items():
         checks = (
             _derivative_of_energy, _derivative_of_stress, _symmetry, _objectivity, _isotropy,
         )  # fmt: skip
         for check in checks:
             found.append(check(law, material, kind, F))
-        found.append(compare_stress(law.stress(F), material, kind, F, _IDENTITY))
+        found.append(compare_stress(law.stress(F), material, kind, F, _IDENTITY, cause=cause))
     return found
 
 
@@ -87,12 +91,27 @@ def stated_stress(material: Material, F: Array) -> Array:
 
 
 def compare_stress(
-    P: Array, material: Material, kind: str, F: Array, limit: float, check: str = "law as stated"
+    P: Array,
+    material: Material,
+    kind: str,
+    F: Array,
+    limit: float,
+    check: str = "law as stated",
+    *,
+    cause: str | None = None,
 ) -> Finding:
-    """Stresses compared with those of the law that was stated; named where they are another's."""
+    """Stresses compared with those of the law that was stated.
+
+    `cause` is what explains those of all deformations, where it is known; these alone are asked
+    where it is None.
+    """
     right = stated_stress(material, F)
     errors = _sizes(P - right) / _scale(right, material)
-    message = "" if float(errors.max()) <= limit else name_of_stress(P, material, F)
+    message = ""
+    if not float(errors.max()) <= limit:
+        message = (cause_of_stress(P, material, F) if cause is None else cause) or _farthest(
+            P, right
+        )
     return _finding(check, kind, errors, limit, F, message)
 
 
@@ -210,20 +229,33 @@ def _scale(P: Array, material: Material) -> Array:
 _FITS = 1e-6
 
 
-def name_of_stress(
+# Columns of a fit that are nearer to one another than this are not told apart: a misfit of _FITS
+# would be one of a thousandth in the factors.
+_APART = 1e-3
+
+
+def cause_of_stress(
     P: Array, material: Material, F: Array, known: NDArray[np.bool_] | None = None
 ) -> str:
-    """What explains a P [Pa] at F, both (n, 3, 3): another law, other moduli; else how far off.
+    """Which other law, or which moduli, all stresses P [Pa] at F are those of; "" if none is known.
 
-    Only components that are `known` count, (3, 3); all where None.
+    Every deformation counts alike, whatever its stress. Moduli are named only where these
+    deformations tell one from the other, and where they are those of a stable material.
+
+    Args:
+        P: First Piola-Kirchhoff stresses, (n, 3, 3).
+        material: What was stated.
+        F: Deformation gradients [-], (n, 3, 3).
+        known: Components that count, (3, 3); all where None.
     """
-    weights = np.ones((3, 3)) if known is None else known.astype(float)
-    P = np.where(weights > 0.0, P, 0.0)
-    if not np.isfinite(P).all():
-        return "the stress is no finite number"
     H, count = F - np.eye(3), len(F)
-    lmbda, mu = (np.full(count, of) for of in lame_of(material))
     c01, none = np.full(count, material.c01), np.zeros(count)
+    lmbda, mu, _, terms = moduli_of(material, count)
+    right = finite_stress(material.law, H, lmbda, mu, c01, terms)
+    weights = (1.0 if known is None else known) / _scale(right, material)[:, None, None]
+    of = weights * np.where(np.ones((3, 3), dtype=bool) if known is None else known, P, 0.0)
+    if not np.isfinite(of).all():
+        return "the stress is no finite number" if not np.isfinite(P).all() else ""
     candidates = {
         f"the stress is that of {law}": finite_stress(law, H, lmbda, mu, c01)
         for law in Law
@@ -231,12 +263,10 @@ def name_of_stress(
         if law not in (material.law, Law.OGDEN)
     }
     candidates["the stress is that of linear elasticity"] = linear(H, lmbda, mu)
-    terms = material.ogden_terms
-    right = finite_stress(material.law, H, lmbda, mu, c01, terms)
     transposed = finite_stress(material.law, H.transpose(0, 2, 1), lmbda, mu, c01, terms)
     candidates["the stress is that of the transposed gradient"] = transposed
     for words, found in candidates.items():
-        if _misses(P, weights * found) < _FITS:
+        if _misses(of, weights * found) < _FITS:
             return words
     # Linear in the moduli, all of them: parts of lmbda and of mu by least squares.
     parts = np.stack(
@@ -246,13 +276,25 @@ def name_of_stress(
         ],
         axis=1,
     )
-    factors = np.linalg.lstsq(parts, P.ravel(), rcond=None)[0]
-    if _misses(P, (parts @ factors).reshape(P.shape)) < _FITS:
-        return (
-            f"the stress is that of the stated law with lmbda times {factors[0]:.6g} and mu times "
-            f"{factors[1]:.6g}"
-        )
-    right = weights * right
+    lengths = np.linalg.norm(parts, axis=0)
+    if not (lengths > 0.0).all():
+        return ""
+    sizes = np.linalg.svd(parts / lengths, compute_uv=False)
+    factors = np.linalg.lstsq(parts, of.ravel(), rcond=None)[0]
+    if _misses(of, (parts @ factors).reshape(of.shape)) >= _FITS:
+        return ""
+    if sizes[1] < _APART * sizes[0] or factors[1] <= 0.0 or factors[0] < -_FITS:
+        return ""
+    return (
+        f"the stress is that of the stated law with lmbda times {factors[0]:.6g} and mu times "
+        f"{factors[1]:.6g}"
+    )
+
+
+def _farthest(P: Array, right: Array) -> str:
+    """Where a stress is farthest from what was stated, both (n, 3, 3) [Pa]."""
+    if not np.isfinite(P).all():
+        return "the stress is no finite number"
     off = np.abs(P - right)
     cell, i, j = np.unravel_index(int(off.argmax()), off.shape)
     return (
@@ -367,24 +409,94 @@ _EDGE = 0.02
 _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
 
 
+# Less of a cell's volume is left than a solver's rounding: its law says nothing there [-].
+_FLAT = 1e-9
+
+
 def check_simulator(
     simulator: OutsideSimulator, material: Material, limit: float, progress: Progress
 ) -> list[Finding]:
     """Compare a simulator's result with that of the law that was stated, to a limit of stress [-].
 
-    A finding for each kind of deformation; more where it sends stresses of its own.
+    A finding for each kind of deformation; more where it sends stresses of its own, and one for
+    each deformation without a result that can be compared.
 
     Raises:
-        CandidateFailedError: It gives no result.
+        CandidateFailedError: It gives no result for any deformation.
     """
     kinds = {
         kind: stable
         for kind, F in moderate_deformations().items()
         if len(stable := F[_is_stable(F, material)])
     }
-    F = np.concatenate(list(kinds.values()))
-    if not len(F):
+    if not kinds:
         raise InputError("no cell of this material stays where dead forces hold it")
+    wanted = np.concatenate(list(kinds.values()))
+    numbers = np.concatenate([np.arange(len(F)) + 1 for F in kinds.values()])
+    of_kind = np.repeat(list(kinds), [len(F) for F in kinds.values()])
+    asked = stated_stress(material, wanted)
+    F, sent, why_not = _brought_to_rest(simulator, material, wanted, progress)
+    good = np.array([not why for why in why_not])
+    cause = ""
+    if good.any():
+        cause = cause_of_stress(asked[good], material, F[good], _FREE)
+    found = []
+    for kind in kinds:
+        rows = good & (of_kind == kind)
+        if rows.any():
+            found.append(_compare(asked[rows], F[rows], material, kind, limit, cause))
+        if sent is not None and rows.any():
+            J = np.linalg.det(F[rows])[:, None, None]
+            of_rest = J * sent[rows] @ np.linalg.inv(F[rows]).transpose(0, 2, 1)
+            found.append(
+                compare_stress(of_rest, material, kind, F[rows], limit, "stress sent", cause=None)
+            )
+        found += [
+            Finding("law as stated", f"{kind} {numbers[k]}", np.inf, limit, wanted[k], why_not[k])
+            for k in np.flatnonzero(~good & (of_kind == kind))
+        ]
+    return found
+
+
+def _brought_to_rest(
+    simulator: OutsideSimulator, material: Material, F: Array, progress: Progress
+) -> tuple[Array, Array | None, list[str]]:
+    """F of the simulator's cells, the Cauchy stresses that it sends, and why a cell has none.
+
+    All cells are one body; each is one of its own where that has no result.
+    """
+    try:
+        found, sent = _rest_of_cells(simulator, material, F, progress)
+    except CandidateFailedError as error:
+        if len(F) == 1:
+            return F, None, [str(error)]
+        each = [_brought_to_rest(simulator, material, one[None], progress) for one in F]
+        why_not = [why for _, _, whys in each for why in whys]
+        if all(why_not):
+            raise
+        some = next(s for _, s, (why,) in each if not why)
+        zeros = np.zeros((1, 3, 3))
+        sent = (
+            None
+            if some is None
+            else np.concatenate([zeros if s is None else s for _, s, _ in each])
+        )
+        return np.concatenate([one for one, _, _ in each]), sent, why_not
+    J = np.linalg.det(found)
+    least = -np.inf if material.law.is_finite_when_inverted else _FLAT
+    why_not = [
+        ""
+        if abs(det) > _FLAT and det > least
+        else f"the cell is flat or inside out: det F = {det:.3g}"
+        for det in J
+    ]
+    return found, sent, why_not
+
+
+def _rest_of_cells(
+    simulator: OutsideSimulator, material: Material, F: Array, progress: Progress
+) -> tuple[Array, Array | None]:
+    """F where separate cells come to rest under the stated law's forces; stresses that are sent."""
     mesh = separate_cells(len(F), _EDGE)
     first = 4 * np.arange(len(F), dtype=np.int32)
     supports = (
@@ -398,28 +510,18 @@ def check_simulator(
     state = outside_candidate(simulator).solve(problem, Strain.GREEN, progress)
     # F of separate cells by where their corners went.
     moved = (state.displacement / _EDGE).reshape(-1, 4, 3)
-    found_F = np.eye(3) + (moved[:, 1:] - moved[:, :1]).transpose(0, 2, 1)
-    asked = stated_stress(material, F)
-    found, begin = [], 0
-    for kind, of in kinds.items():
-        rows = slice(begin, begin + len(of))
-        begin += len(of)
-        found.append(_compare(asked[rows], found_F[rows], material, kind, limit))
-        if state.sent_stress is not None:
-            J = np.linalg.det(found_F[rows])[:, None, None]
-            inverse = np.linalg.inv(found_F[rows]).transpose(0, 2, 1)
-            sent = J * state.sent_stress[rows] @ inverse
-            check = "stress sent"
-            found.append(compare_stress(sent, material, kind, found_F[rows], limit, check))
-    return found
+    return np.eye(3) + (moved[:, 1:] - moved[:, :1]).transpose(0, 2, 1), state.sent_stress
 
 
-def _compare(asked: Array, found_F: Array, material: Material, kind: str, limit: float) -> Finding:
+def _compare(
+    asked: Array, found_F: Array, material: Material, kind: str, limit: float, cause: str
+) -> Finding:
     """Compare components that are free only: reactions are not known."""
-    off = np.where(_FREE, stated_stress(material, found_F) - asked, 0.0)
-    errors = _sizes(off) / _scale(asked, material)
+    stated = np.where(_FREE, stated_stress(material, found_F), 0.0)
+    known = np.where(_FREE, asked, 0.0)
+    errors = _sizes(stated - known) / _scale(asked, material)
     is_good = bool((errors <= limit).all())
-    message = "" if is_good else name_of_stress(asked, material, found_F, _FREE)
+    message = "" if is_good else cause or _farthest(known, stated)
     return _finding("law as stated", kind, errors, limit, found_F, message)
 
 

@@ -19,7 +19,12 @@ from palpate.meshes.problem import Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis import diagnose
 from palpate.validation.diagnosis.explanation import in_words
-from palpate.validation.diagnosis.law_checks import name_of_stress, seeded_mistakes
+from palpate.validation.diagnosis.law_checks import (
+    cause_of_stress,
+    compare_stress,
+    moduli_of,
+    seeded_mistakes,
+)
 from palpate.validation.diagnosis.law_simulators import deformations, example_material
 from palpate.validation.diagnosis.motion_hypotheses import _misfit, motion_hypotheses
 from palpate.validation.diagnosis.result_hypotheses import result_hypotheses
@@ -234,9 +239,40 @@ def test_a_stress_of_no_law_is_said_where_it_is_farthest_off() -> None:
     right = finite_stress(material.law, F - np.eye(3), lmbda, mu, 0.0 * mu)
     wrong = right.copy()
     wrong[1, 0, 2] += 0.5 * np.abs(right).max()
-    assert name_of_stress(wrong, material, F) == (
+    assert cause_of_stress(wrong, material, F) == ""
+    assert compare_stress(wrong, material, "shear", F, 1e-10).message == (
         f"the stress is of no law known here: P13 = {wrong[1, 0, 2]:.6g} Pa where "
         f"{right[1, 0, 2]:.6g} Pa was stated"
     )
-    stiffer = finite_stress(material.law, F - np.eye(3), 2.0 * lmbda, mu, 0.0 * mu)
-    assert "lmbda times 2 and mu times 1" in name_of_stress(stiffer, material, F)
+
+
+@pytest.mark.parametrize("law", list(Law))
+def test_moduli_are_named_from_all_deformations_and_never_from_those_that_do_not_tell(
+    law: Law,
+) -> None:
+    """A shear modulus of 1.03 times; in one kind alone, another pair may give the same stresses."""
+    material = example_material(law)
+    kinds = deformations(law)
+    every = np.concatenate(list(kinds.values()))
+
+    def of(F: Any, lmbda: float, mu: float) -> Any:
+        of_lmbda, of_mu, c01, terms = moduli_of(material, len(F))
+        H = F - np.eye(3)
+        return finite_stress(law, H, lmbda * of_lmbda, mu * of_mu, mu * c01, terms)
+
+    words = "the stress is that of the stated law with lmbda times {:g} and mu times {:g}"
+    assert cause_of_stress(of(every, 1.0, 1.03), material, every) == words.format(1, 1.03)
+    assert cause_of_stress(of(every, 2.0, 1.0), material, every) == words.format(2, 1)
+    assert cause_of_stress(of(every, 1.0, -1.2389), material, every) == ""
+    for F in kinds.values():
+        found = cause_of_stress(of(F, 1.0, 1.03), material, F)
+        assert found in ("", words.format(1, 1.03)) or "that of" in found
+        assert "lmbda times" not in found or found == words.format(1, 1.03)
+
+
+def test_a_cell_that_changes_its_volume_alone_does_not_tell_the_moduli_apart() -> None:
+    material = example_material(Law.SAINT_VENANT_KIRCHHOFF)
+    F = deformations(material.law)["volumetric"]
+    lmbda, mu, c01, terms = moduli_of(material, len(F))
+    P = finite_stress(material.law, F - np.eye(3), lmbda, 1.03 * mu, c01, terms)
+    assert cause_of_stress(P, material, F) == ""

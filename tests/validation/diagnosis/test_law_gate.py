@@ -142,7 +142,7 @@ def test_a_law_that_is_no_number_fails():
 
 def test_the_command_ends_by_what_it_found(tmp_path):
     code, said = run("mooney-rivlin", "--json", str(tmp_path / "law.json"))
-    assert (code, said.count("passed"), "FAILED" in said) == (0, 38, False)
+    assert (code, said.count(" passed"), "FAILED" in said) == (0, 38, False)
     found = json.loads((tmp_path / "law.json").read_text(encoding="utf-8"))
     assert {row["verdict"] for row in found["findings"]} == {"passed"}
     code, said = run("neo-hookean", "--self-test")
@@ -170,8 +170,10 @@ def test_a_simulators_law_is_told_by_where_its_cells_come_to_rest(tmp_path, solv
     code, said = run("neo-hookean", "--simulator", command)
     assert code == (1 if says else 0)
     # In simple shear, which keeps its volume, the two laws are one.
-    assert said.count("FAILED") == (4 if says else 0)
+    assert said.count("FAILED\n") == (4 if says else 0)
     assert said.count(f"failed: law as stated, random: {says}") == (1 if says else 0)
+    last = said.splitlines()[-1]
+    assert last == (f"FAILED: 4 of 5 checks; {says}" if says else "passed: 5 checks")
 
 
 @pytest.mark.parametrize(("factor", "code"), [("1", 0), ("1.5", 1)])
@@ -183,3 +185,38 @@ def test_stresses_that_a_simulator_sends_are_compared_as_well(tmp_path, factor, 
     assert found == code
     assert said.count("stress sent") > 0
     assert ("FAILED" in said) is (code == 1)
+
+
+# Sends the result of the law that was asked, but of one cell: one that is flat, or none at all.
+SPOILING = """
+u = u.reshape(-1, 4, 3)
+gone = of.poissons_ratio != 0 and sys.argv[4]
+number = int(sys.argv[5])
+if len(u) > 1 and gone == "flat":
+    u[number, 3] = u[number, 2] + mesh.points[2] - mesh.points[3]
+elif gone == "lost" and (len(u) > 1 or abs(u[0, 3, 2]) > float(sys.argv[6])):
+    sys.exit("no equilibrium")
+u = u.reshape(-1, 3)
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("flat", "failed: law as stated, uniaxial 2: the cell is flat or inside out: det F = 0"),
+        ("lost", "no equilibrium"),
+    ],
+)
+def test_a_cell_without_a_result_is_one_failed_deformation(tmp_path, what, says):
+    program = tmp_path / "simulator.py"
+    lines = SIMULATOR.split("sent = {}")
+    program.write_text(f"{lines[0]}{SPOILING}np.savez(result, displacement=u)\n", encoding="utf-8")
+    # Alone, the cells that were to move farthest have no result either.
+    command = f"{sys.executable} {program} {{case}} {{result}} asked {what} 1 2.5e-3"
+    code, said = run("neo-hookean", "--simulator", command)
+    assert code == 1
+    assert says in said
+    failed = [line for line in said.splitlines() if line.startswith("failed: ")]
+    assert len(failed) == said.count("FAILED\n") >= 1
+    assert f"FAILED: {len(failed)} of " in said.splitlines()[-1]
+    assert "passed" in said
