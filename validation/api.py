@@ -159,7 +159,7 @@ def mesh(
     """Fill a closed surface with tetrahedra.
 
     Args:
-        surface: A surface [m], or a file of one: .stl, .obj, .ply, .off, .msh, .vtk, .vtu.
+        surface: A surface [m], or a file of one: .stl, .obj, .ply, .off, .msh, .vtk, .vtu, .vtp.
         unit: The unit of length of a file; a surface that is passed is in metres.
         edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean.
         mesher: fastsim's own, gmsh, or the first and then the other.
