@@ -242,19 +242,20 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45050,
-        "issue 40: history of released versions; issue 38: the report's first screen answers",
+        45350,
+        "issue 40: history of released versions; issue 38: the report's first screen answers; ways "
+        "in: shapes, pictures and loads from Python, guesses of `init` that are solved",
     ),
     "tests": (
-        56200,
+        56450,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
-    "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
-    "validation/commands": (2270, "issue 40: history of released versions"),
-    "validation/diagnosis": (2245, "issue 40: Lamé's parameters by name"),
+    "validation/case": (3215, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
+    "validation/commands": (2310, "issue 40: history of releases; issue 38: `init --copy`"),
+    "validation/diagnosis": (2270, "issue 38: cells that a simulator flattens are a finding"),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),

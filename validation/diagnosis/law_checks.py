@@ -404,6 +404,13 @@ def check_simulator(
     for kind, of in kinds.items():
         rows = slice(begin, begin + len(of))
         begin += len(of)
+        ruined = _ruined(found_F[rows], material.law)
+        if ruined is not None:
+            cell, message = ruined
+            found.append(
+                Finding("law as stated", kind, np.inf, limit, found_F[rows][cell], message)
+            )
+            continue
         found.append(_compare(asked[rows], found_F[rows], material, kind, limit))
         if state.sent_stress is not None:
             J = np.linalg.det(found_F[rows])[:, None, None]
@@ -412,6 +419,26 @@ def check_simulator(
             check = "stress sent"
             found.append(compare_stress(sent, material, kind, found_F[rows], limit, check))
     return found
+
+
+# det F over |F|^3 below which a cell is flat: a hundred times the rounding of a determinant.
+_FLAT = 2e-14
+
+
+def _ruined(F: Array, law: Law) -> tuple[int, str] | None:
+    """The first cell at whose F (n, 3, 3) a law has no stress, and what became of it; or None."""
+    for cell, of in enumerate(F):
+        if not np.isfinite(of).all():
+            return cell, "the result is no finite number"
+        J, size = float(np.linalg.det(of)), float(np.linalg.norm(of))
+        if not abs(J) > _FLAT * size**3:
+            return (
+                cell,
+                f"a cell came to rest flattened, det F = {J:.3g}: no law has a stress there",
+            )
+        if J < 0.0 and not law.is_finite_when_inverted:
+            return cell, f"a cell came to rest inverted, det F = {J:.3g}: {law} has no stress there"
+    return None
 
 
 def _compare(asked: Array, found_F: Array, material: Material, kind: str, limit: float) -> Finding:

@@ -183,3 +183,20 @@ def test_stresses_that_a_simulator_sends_are_compared_as_well(tmp_path, factor, 
     assert found == code
     assert said.count("stress sent") > 0
     assert ("FAILED" in said) is (code == 1)
+
+
+@pytest.mark.parametrize(
+    ("height", "became"),
+    [("0.0", "flattened"), ("-1.0", "inverted"), ("1e200", "flattened")],
+)
+def test_a_cell_that_has_no_stress_is_a_finding_and_no_internal_error(tmp_path, height, became):
+    # The last corner of the first cell, at rest at z = 0.02 m, ends at so many times that height.
+    program, file = tmp_path / "simulator.py", tmp_path / "found.json"
+    spoiled = f"u[3] = (0.0, 0.0, 0.02 * ({height}) - 0.02)\nsent = {{}}"
+    program.write_text(SIMULATOR.replace("sent = {}", spoiled, 1), encoding="utf-8")
+    command = f"{sys.executable} {program} {{case}} {{result}} asked"
+    code, said = run("neo-hookean", "--simulator", command, "--json", str(file))
+    assert code == 1
+    assert became in said
+    verdicts = [of["verdict"] for of in json.loads(file.read_text("utf-8"))["findings"]]
+    assert verdicts.count("failed") == 1
