@@ -189,8 +189,8 @@ def case_text(values: Mapping[str, Any]) -> str:
 
 
 _YOUNGS_MODULUS, _STRESS = 10.0, "kPa"
-# The guessed pull stretches a bar of the body's length and volume by so much [-].
-_STRETCH = 0.05
+# The guessed pull moves no point farther than so much of the body's length [-].
+STRETCH = 0.05
 # Parts of the length that are tried, until each end has a facet in it.
 _ENDS = (0.1, 0.2, 0.3, 0.45)
 _AXES = "xyz"
@@ -205,14 +205,28 @@ _HEAD = """\
 """
 
 
-def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: bool = False) -> str:
+def first_case(
+    body: Path | None,
+    *,
+    target: Path,
+    unit: str | None = None,
+    repair: bool = False,
+    factor: float | None = None,
+) -> str:
     """A case file, as text, for a surface or mesh file beside it or below; for a box without one.
 
-    With `repair` the surface is repaired where that is safe, here and in the case.
+    Args:
+        body: The file; None is a box.
+        target: Where the case will be written.
+        unit: Unit of length of the file; None guesses mm.
+        repair: The surface is repaired where that is safe, here and in the case.
+        factor: By how much to multiply the force that stretches a bar of the body's length and
+            volume by `STRETCH`, so that the body is moved by that much; None where nobody knows.
 
     Raises:
         InputError: A body that cannot be read, bounds no solid, or lies elsewhere.
     """
+    is_unit_given, unit = unit is not None or body is None, unit or "mm"
     if unit not in LENGTH:
         raise InputError(f"unit {unit!r}: use one of {', '.join(LENGTH)}")
     geometry, surface = _geometry(body, target, LENGTH[unit], repair)
@@ -225,8 +239,10 @@ def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: boo
         "geometry": geometry,
         "material": {"youngs_modulus": _YOUNGS_MODULUS, "poissons_ratio": 0.4, "density": 1000.0},
     }
-    fixed_and_pulled, remarks = _ends(surface, unit)
+    fixed_and_pulled, remarks = _ends(surface, unit, factor)
     remarks["material"] = "GUESS: soft tissue of no particular organ."
+    if not is_unit_given:
+        remarks["units"] = f"GUESS: the file says no unit of length; it is taken for {unit}."
     return _HEAD.format(name=target.name) + annotated_case(
         {**values, **fixed_and_pulled, "check": FIRST_CHECKS}, {**remarks, **_REMARKS}
     )
@@ -287,13 +303,15 @@ def _beside(body: Path, target: Path) -> str:
     folder, real = Path(os.path.realpath(target.parent)), Path(os.path.realpath(body))
     if not real.is_relative_to(folder):
         raise InputError(
-            f"{body} must lie beside the case file or below it: write the case to "
-            f"{body.parent / target.name}, or copy the file to {target.parent}"
+            f"{body} must lie beside the case file or below it: say --copy, or write the case to "
+            f"{body.parent / target.name}"
         )
     return real.relative_to(folder).as_posix()
 
 
-def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str]]:
+def _ends(
+    surface: TriSurface, unit: str, factor: float | None
+) -> tuple[dict[str, Any], dict[str, str]]:
     """A support and a load at the ends of the longest side, with what to say of them."""
     used = surface.points[np.unique(surface.facets)]
     low, high = used.min(axis=0), used.max(axis=0)
@@ -309,7 +327,14 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
         ),
         _ENDS[-1],
     )
-    force = _STRETCH * _YOUNGS_MODULUS * STRESS[_STRESS] * abs(surface.volume) / length
+    force = STRETCH * _YOUNGS_MODULUS * STRESS[_STRESS] * abs(surface.volume) / length
+    force *= 1.0 if factor is None else factor
+    size = f"{100 * STRETCH:.0f} %"
+    effect = (
+        f"so that\nno point moves farther than {size} of that length (solved by linear strain)."
+    )
+    if factor is None:
+        effect = f"by\nwhat makes a straight bar of its volume {size} longer; it was not solved."
     along = [0.0, 0.0, 0.0]
     along[axis] = _rounded(force / FORCE["N"])
     values = {
@@ -326,8 +351,7 @@ def _ends(surface: TriSurface, unit: str) -> tuple[dict[str, Any], dict[str, str
     where = f"the body reaches from {extent} along {_AXES[axis]}, its longest side;"
     return values, {
         "support": f"GUESS: {where}\nits first {100 * part:.0f} % are fixed.",
-        "load": f"GUESS: {where}\nits last {100 * part:.0f} % are pulled outwards, so that it "
-        f"becomes about {100 * _STRETCH:.0f} % longer.",
+        "load": f"GUESS: {where}\nits last {100 * part:.0f} % are pulled outwards, {effect}",
     }
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from palpate.meshes.errors import InputError
@@ -37,8 +40,13 @@ def init(
     surface: Annotated[
         Path | None, typer.Argument(help="a surface or mesh file beside it; a box without one")
     ] = None,
-    unit: Annotated[str, typer.Option(help="of the file: m, cm or mm")] = "mm",
+    unit: Annotated[
+        str | None, typer.Option(help="of the file: m, cm or mm; without it mm is guessed")
+    ] = None,
     repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="copy the file to beside the case, from anywhere")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
@@ -51,9 +59,25 @@ def init(
     require_case_name(output)
     require_outputs({"--output": output}, inputs=[] if surface is None else [surface], force=True)
     _require_new(output, force=force)
-    text = first_case(surface, target=output, unit=unit, repair=repair)
-    write_text_atomically(output, text)
-    load_case(output)
+    beside = None
+    if copy and surface is not None:
+        there = output.parent / surface.name
+        if not there.exists():
+            beside = _copied(surface, there)
+        elif surface.exists() and not surface.samefile(there):
+            raise OutputError(there, "is there already; rename one of the two")
+        surface = there
+    make = partial(first_case, surface, target=output, unit=unit, repair=repair)
+    try:
+        write_text_atomically(output, make())
+        progress_lines()("meshing and solving once, for a load of the size that it says")
+        factor = _factor_of_guess(load_case(output))
+    except InputError:
+        if beside is not None:
+            beside.unlink()
+        raise
+    if factor is not None:
+        write_text_atomically(output, make(factor=factor))
     print(f"{output}: look at what is marked GUESS, then: palpate check {output}")
 
 
@@ -135,6 +159,34 @@ def export(
     used = strain or loaded.strain
     api.export(loaded, output, strain=used, force=force)
     print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
+
+
+def _copied(source: Path, target: Path) -> Path:
+    """Copy a file, whole or not at all."""
+    from palpate.meshes.temporaries import atomic_path
+
+    try:
+        with atomic_path(target) as path:
+            shutil.copyfile(source, path)
+    except OSError as error:
+        raise InputError(f"{source}: cannot be copied to {target}: {error.strerror}") from None
+    return target
+
+
+def _factor_of_guess(case: Case) -> float | None:
+    """By how much the guessed load is to be multiplied; None where the case cannot be solved."""
+    from palpate.validation import api
+    from palpate.validation.case.writing import STRETCH
+
+    try:
+        moved = api.solve(case.problem, strain="linear").max_displacement
+    except (InputError, api.CandidateFailedError) as error:
+        print_lines(
+            [f"warning: the load is guessed from a bar, for the case is not solved: {error}"]
+        )
+        return None
+    length = float(np.ptp(case.problem.mesh.points, axis=0).max())
+    return STRETCH * length / moved if moved > 0.0 else None
 
 
 def _require_new(*paths: Path, force: bool) -> None:

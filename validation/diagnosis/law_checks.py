@@ -411,6 +411,8 @@ _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
 
 # Less of a cell's volume is left than a solver's rounding: its law says nothing there [-].
 _FLAT = 1e-9
+# A cell a thousand times as long as it was: no law is meant for that, and its stress may overflow.
+_BLOWN_UP = 1e3
 
 
 def check_simulator(
@@ -482,14 +484,16 @@ def _brought_to_rest(
             else np.concatenate([zeros if s is None else s for _, s, _ in each])
         )
         return np.concatenate([one for one, _, _ in each]), sent, why_not
-    J = np.linalg.det(found)
     least = -np.inf if material.law.is_finite_when_inverted else _FLAT
-    why_not = [
-        ""
-        if abs(det) > _FLAT and det > least
-        else f"the cell is flat or inside out: det F = {det:.3g}"
-        for det in J
-    ]
+    why_not = []
+    for one in found:
+        largest, det = float(np.abs(one).max()), float(np.linalg.det(one))
+        if not largest < _BLOWN_UP:
+            why_not.append(f"the cell is blown up: a component of F is {largest:.3g}")
+        elif not (abs(det) > _FLAT and det > least):
+            why_not.append(f"the cell is flat or inside out: det F = {det:.3g}")
+        else:
+            why_not.append("")
     return found, sent, why_not
 
 

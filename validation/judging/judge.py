@@ -110,7 +110,15 @@ def judge_case(
         if any(has_same_mesh_check(case, each) for each in judged.strains_of(case.strain)):
             judged.asked.require_affordable(case.problem)
     elements = {judged.element for judged in everybody}
-    references = find_references(case, live=live, elements=elements, progress=progress)
+    find = partial(find_references, case, live=live, elements=elements, progress=progress)
+    references = None if live else find()
+    # Before a reference is solved: a simulator that gives no result needs none.
+    solved = [_solutions(judged, case, progress) for judged in everybody]
+    if references is None:
+        is_needed = any(spec.is_of_truth_alone for spec in case.checks) or any(
+            isinstance(of, State) for solutions in solved for of in solutions.values()
+        )
+        references = find() if is_needed else ReferenceSet({}, {}, "not solved, for no result came")
     judge_one = partial(
         _judge_one,
         case,
@@ -119,12 +127,14 @@ def judge_case(
         precision=precision,
         progress=progress,
     )
-    return merge_candidates([judge_one(judged) for judged in everybody])
+    pairs = zip(everybody, solved, strict=True)
+    return merge_candidates([judge_one(judged, solutions) for judged, solutions in pairs])
 
 
 def _judge_one(
     case: Case,
     judged: Candidate,
+    solutions: Mapping[Strain, State | CandidateFailedError],
     *,
     references: ReferenceSet,
     diagnoses: bool,
@@ -142,7 +152,7 @@ def _judge_one(
     sent: list[State] = []
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
-    for strain, solution in _solutions(judged, case, progress).items():
+    for strain, solution in solutions.items():
         if isinstance(solution, CandidateFailedError):
             failures[strain] = case.spec.units.in_case_units(str(solution))
             continue

@@ -12,10 +12,10 @@ from judged import case_of
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
 from palpate.validation.case import load_cases
 from palpate.validation.judging.judge import judge_case, judge_cases
-from palpate.validation.states import CandidateFailedError, State
+from palpate.validation.states import CandidateFailedError, State, Verdict
 from palpate.validation.versions import version_of
 
 
@@ -78,3 +78,31 @@ def test_a_case_that_cannot_be_judged_is_refused_as_ever(write_case) -> None:
     cases = load_cases(["column", str(write_case())])
     with pytest.raises(InputError, match="no reference is stored"):
         judge_cases(cases, [fastsim_candidate()], processes=2)
+
+
+def test_a_simulator_without_a_result_is_judged_before_any_reference_is_solved(
+    monkeypatch,
+) -> None:
+    from palpate.validation.judging import judge
+
+    solved = []
+
+    def find(case, **options):
+        solved.append(case.name)
+        return find_references(case, **{**options, "live": False})
+
+    find_references = judge.find_references
+    monkeypatch.setattr(judge, "find_references", find)
+    case = case_of("block")
+
+    def refuses(_problem):
+        raise RuntimeError("no gravity")
+
+    result = judge.judge_case(case, live=True, candidate=function_candidate(refuses))
+    assert solved == []
+    assert result.verdict is Verdict.FAILED
+    assert "no gravity" in result.checks[0].message
+    # One that has a result is compared.
+    still = function_candidate(lambda problem: 0.0 * problem.mesh.points)
+    assert judge.judge_case(case, live=True, candidate=still).verdict is Verdict.FAILED
+    assert solved == ["block"]
