@@ -242,8 +242,9 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45050,
-        "issue 40: history of released versions; issue 38: the report's first screen answers",
+        45400,
+        "issue 40: history of released versions, more simulators; "
+        "issue 38: the report's first screen answers",
     ),
     "tests": (
         56200,
@@ -254,7 +255,7 @@ LINES = {
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3200, "issue 33: shorter internal texts; issue 36: [[mass]]"),
     "validation/commands": (2270, "issue 40: history of released versions"),
-    "validation/diagnosis": (2245, "issue 40: Lamé's parameters by name"),
+    "validation/diagnosis": (2260, "issue 40: Lamé's parameters by name, constants of stable laws"),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),
@@ -265,7 +266,7 @@ LINES = {
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
-    "validation/peers": (6430, "issue 40: released versions, each in its environment"),
+    "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
     "validation/studies": (3800, "issue 33: what tests prove is no study"),
