@@ -268,6 +268,7 @@ def test_cases_are_posed_under_the_law_that_a_simulator_solves():
     ("words", "versions", "said"),
     [
         ("mujoco shear --option turned=60", "3.10:3.11", "changed between 3.10.0 and 3.11.0"),
+        ("felupe-neo-hooke turned", "8.5.0:8.5.1", "changed between 8.5.0 and 8.5.1"),
         ("newton-xpbd shear", "1.8.0", "shear-neo-hookean-stable: no change"),
         ("newton shear --option constants=lame", "1.8.0", "30.2"),
     ],

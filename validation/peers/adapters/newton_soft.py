@@ -180,8 +180,11 @@ class BlockDescent(SoftMesh):
         return np.where(self.fixed, 0.0, force)
 
     def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
-        """Lame's parameters: the solver converts them to those of its law by itself."""
-        return mu, lmbda
+        """Lame's parameters: the solver converts them to those of its law by itself.
+
+        Not in 1.0.0: `constants=smith` hands it those of its law.
+        """
+        return (mu, lmbda + mu) if self.job.get("constants") == "smith" else (mu, lmbda)
 
     def make_solver(self, builder: Any) -> Any:
         """Sweeps go over points of one color at a time."""
