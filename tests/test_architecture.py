@@ -244,8 +244,9 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45500,
-        "issue 39: one cause of all deformations of a law; issue 40: history of released versions; "
+        45900,
+        "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
+        "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved",
     ),
@@ -259,8 +260,8 @@ LINES = {
     "validation/case": (3215, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
     "validation/commands": (2310, "issue 40: history of releases; issue 38: `init --copy`"),
     "validation/diagnosis": (
-        2350,
-        "issue 40: Lamé's parameters by name; issue 39: one cause of a law",
+        2370,
+        "issue 40: Lamé's parameters by name, constants of stable laws; issue 39: one cause of a law",
     ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
@@ -272,7 +273,7 @@ LINES = {
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
-    "validation/peers": (6430, "issue 40: released versions, each in its environment"),
+    "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
     "validation/studies": (3800, "issue 33: what tests prove is no study"),

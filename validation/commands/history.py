@@ -27,6 +27,9 @@ def history(
         bool, typer.Option("--bisect", help="install only what finds where it changed")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="download without a question")] = False,
+    option: Annotated[
+        list[str] | None, typer.Option(help="NAME=VALUE for the adapter, such as turned=60")
+    ] = None,
     disk: Annotated[
         float, typer.Option(help="GB (1e9 bytes) that new environments may take together")
     ] = 5.0,
@@ -35,30 +38,38 @@ def history(
     """Judge released versions of a simulator, and find where its error changed.
 
     Each version is installed by pip from its package index, wheels only, into an environment of its
-    own in ~/.cache/palpate/released (or $XDG_CACHE_HOME), and judged on small cases of its own law
-    by the registry's adapter; stretch and shear where none are named. One that cannot be installed
-    or does not fit the adapter is skipped with a word. The page has the error over the version,
-    what explains it before and after a change, and the settings. The exit code is 1 where a version
-    is off or an error has changed.
+    own in ~/.cache/palpate/released (or $XDG_CACHE_HOME), and judged on small cases under its own
+    law by the registry's adapter; stretch and shear where none are named. One that cannot be
+    installed or does not fit the adapter is skipped with a word. The page has the error over the
+    version, what explains it before and after a change, and the settings. The exit code is 1 where
+    a version is off or an error has changed.
     """
     from palpate.validation.case import load_cases
     from palpate.validation.output_files import input_files
-    from palpate.validation.peers.history import page_of, peer_of, trace
+    from palpate.validation.peers.history import (
+        beside,
+        of_its_law,
+        page_of,
+        peer_of,
+        trace,
+        with_options,
+    )
     from palpate.validation.peers.released import in_range, is_cached, released_versions
     from palpate.validation.report.study_page import leave
     from palpate.validation.run_folder import require_run_folder, run_folder
 
-    for option, value in (("--disk", disk), ("--time-limit", time_limit)):
+    for name, value in (("--disk", disk), ("--time-limit", time_limit)):
         if not 0.0 < value < float("inf"):
-            raise InputError(f"{option} {value:g}: needs a finite value above 0")
+            raise InputError(f"{name} {value:g}: needs a finite value above 0")
     peer, package = peer_of(simulator)
-    cases = load_cases(names or _CASES)
+    peer = with_options(peer, option or ())
+    cases = of_its_law(peer, load_cases(names or _CASES))
     inputs = input_files(cases)
     require_run_folder(output, inputs=inputs)
     known = released_versions(package)
     asked = in_range(known, versions or ":")
     asked = asked if versions else asked[-_NEWEST:]
-    new = [version for version in asked if not is_cached(package, version)]
+    new = [version for version in asked if not is_cached(package, version, beside(peer, version))]
     if new:
         most = "at most " if bisect else ""
         with_others = f", each with {', '.join(peer.packages[1:])}" if peer.packages[1:] else ""

@@ -470,6 +470,13 @@ def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
     return {
         "Lamé's parameters exchanged": (mu, lmbda),
         "bulk modulus instead of Lamé's lmbda": (lmbda + 2.0 * mu / 3.0, mu),
+        "Lamé's lmbda instead of the bulk modulus": (lmbda - 2.0 * mu / 3.0, mu),
+        # B. Smith, F. De Goes, T. Kim 2018, section 3.4: constants that give E and nu at rest.
+        "lmbda instead of lmbda + mu as the constant of a stable neo-Hookean law": (lmbda - mu, mu),
+        "Lamé's parameters as the constants of a stable neo-Hookean law with its logarithm": (
+            lmbda - 0.625 * mu,
+            0.75 * mu,
+        ),
         "mu instead of 2 mu": (lmbda, 0.5 * mu),
         "4 mu instead of 2 mu": (lmbda, 2.0 * mu),
         "Young's modulus instead of mu": (lmbda, E),

@@ -12,21 +12,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from palpate.meshes.errors import InputError
+from palpate.reference.availability import require_available
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.peers.registry import ADAPTERS, Peer, read_peers
-from palpate.validation.peers.released import Installed, NotInstalledError, installed
+from palpate.validation.peers.released import (
+    Installed,
+    NotInstalledError,
+    in_range,
+    installed,
+)
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import Progress, Verdict, in_silence
 
 # Errors that differ by more than this part of the larger one are different.
 DIFFERENT = 0.01
-# A linear solver's own error: below it errors scatter with rounding and are all the same.
-SAME_BELOW = 1e-5
 _BYTES = 1_000_000_000
 # Field of an adapter's result file.
 _RESULT = "{result}"
@@ -39,10 +43,12 @@ class Judgement:
     Attributes:
         version: The version.
         case: The case's name.
-        verdict: The gate's; skipped where there is no result.
+        verdict: The gate's; failed where the simulator ends without a result, and skipped where
+            it cannot be installed, the case not be posed to it, or no check holds.
         error: Distance from the reference on the same mesh over the largest displacement [-];
             None where there is no result.
         words: The diagnosis, or why there is no result.
+        scatter: Error below which a result agrees, and two are the same; see `Peer`.
     """
 
     version: str
@@ -50,6 +56,14 @@ class Judgement:
     verdict: Verdict
     error: float | None = None
     words: str = ""
+    scatter: float = 1e-5
+
+    @property
+    def outcome(self) -> str:
+        """A number, "ended" without a result, or "skipped"."""
+        if self.error is not None:
+            return "number"
+        return "ended" if self.verdict is Verdict.FAILED else "skipped"
 
 
 @dataclass(frozen=True)
@@ -91,18 +105,19 @@ class History:
         """Where neighbouring versions that were judged differ."""
         found = []
         for case in self.cases:
-            judged = [j for j in self.of_case(case) if j.error is not None]
+            judged = [j for j in self.of_case(case) if j.outcome != "skipped"]
             pairs = itertools.pairwise(judged)
             found += [Change(case, a, b) for a, b in pairs if differ(a, b)]
         return found
 
 
 def differ(a: Judgement, b: Judgement) -> bool:
-    """Whether two versions are not equally far off; false where one has no number."""
+    """Whether two versions are not equally far off, or one ends without a result alone."""
     if a.error is None or b.error is None:
-        return False
+        return sorted((a.outcome, b.outcome)) == ["ended", "number"]
     most = max(a.error, b.error)
-    return most > SAME_BELOW and abs(a.error - b.error) > DIFFERENT * most
+    least = max(a.scatter, DIFFERENT * most)
+    return most > a.scatter and abs(a.error - b.error) > least
 
 
 def peer_of(name: str) -> tuple[Peer, str]:
@@ -117,6 +132,35 @@ def peer_of(name: str) -> tuple[Peer, str]:
             return peer, peer.packages[0]
     known = ", ".join(dict.fromkeys(p.packages[0] for p in released))
     raise InputError(f"no released simulator {name!r}; there are {known}")
+
+
+def with_options(peer: Peer, words: Sequence[str]) -> Peer:
+    """A simulator whose adapter is given further options, NAME=VALUE each.
+
+    Raises:
+        InputError: A word is none.
+    """
+    options = dict(peer.options)
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not (name.isidentifier() and equals):
+            raise InputError(f"--option {word!r}: needs NAME=VALUE, as the adapter takes it")
+        options[name] = value
+    return peer.model_copy(update={"options": options})
+
+
+def of_its_law(peer: Peer, cases: Sequence[Case]) -> list[Case]:
+    """Cases under the law that a simulator solves.
+
+    Raises:
+        InputError: A case of linear strain, which knows no other law.
+        ReferenceUnavailableError: One has another law, and its reference cannot be solved here.
+    """
+    if all(case.problem.material.law is peer.law for case in cases):
+        return list(cases)
+    require_available()
+    same = [case.problem.material.law is peer.law for case in cases]
+    return [case if its else case.under(peer.law) for case, its in zip(cases, same, strict=True)]
 
 
 def trace(
@@ -136,21 +180,15 @@ def trace(
         peer: The simulator.
         package: The package it is released as.
         versions: Its versions, oldest first.
-        cases: Small cases of the simulator's own law.
+        cases: Small cases, under the simulator's own law; see `of_its_law`.
         gigabytes: What all new environments may take together [1e9 bytes].
         bisects: Whether only the first and last are judged, and between two that differ the middle.
         time_limit: Time limit of one run [s].
         progress: Called with a line for each version.
 
     Raises:
-        InputError: A case follows another law, or cannot be used.
+        InputError: A case cannot be used.
     """
-    for case in cases:
-        if case.problem.material.law is not peer.law:
-            law = case.problem.material.law
-            raise InputError(
-                f"{case.name} follows {law}, and {peer.title} {peer.law}: take another"
-            )
     history = History(peer)
     left = gigabytes * _BYTES
     found: dict[str, list[Judgement]] = {}
@@ -160,7 +198,9 @@ def trace(
         if version in found:
             return found[version]
         try:
-            environment = installed(package, version, peer.packages[1:], int(left))
+            if peer.works_with and not _is_in(version, peer.works_with):
+                raise NotInstalledError(f"the adapter is written for {peer.works_with} alone")
+            environment = installed(package, version, beside(peer, version), int(left))
         except NotInstalledError as error:
             progress(f"{package} {version}: skipped, {error}")
             found[version] = [
@@ -189,6 +229,19 @@ def trace(
     return history
 
 
+def beside(peer: Peer, version: str) -> tuple[str, ...]:
+    """What is installed beside a version of a simulator."""
+    found = (others for asked, others in peer.beside.items() if _is_in(version, asked))
+    return next(found, peer.packages[1:])
+
+
+def _is_in(version: str, asked: str) -> bool:
+    try:
+        return bool(in_range([version], asked))
+    except InputError:
+        return False
+
+
 def _bisect(versions: Sequence[str], judged: Callable[[str], list[Judgement]]) -> None:
     """Judge the ends, and the middle of each stretch whose ends differ."""
     stretches = [(0, len(versions) - 1)]
@@ -210,26 +263,30 @@ def _judge(peer: Peer, environment: Installed, case: Case, time_limit: float) ->
     words = [shlex.quote(str(environment.python)), shlex.quote(adapter), "{case}", _RESULT]
     command = OutsideSimulator(" ".join([*words, *options]), time_limit)
     try:
-        result = judge_case(case, candidate=outside_candidate(command, element=peer.element))
+        candidate = outside_candidate(command, element=peer.element)
+        result = judge_case(case, live=case.is_changed, candidate=candidate)
     except InputError as error:
         return Judgement(environment.version, case.name, Verdict.SKIPPED, words=str(error))
-    return _judgement(environment.version, case, result)
+    return _judgement(environment.version, case, result, peer.scatter)
 
 
-def _judgement(version: str, case: Case, result: CaseResult) -> Judgement:
+def _judgement(version: str, case: Case, result: CaseResult, scatter: float) -> Judgement:
     errors = [
         check.value
         for check in result.checks
         if check.against == "same_mesh" and check.value is not None
     ]
     if not errors:
-        why = next((c.message for c in result.checks if c.verdict is Verdict.FAILED), "no result")
+        failed = [check.message for check in result.checks if check.verdict is Verdict.FAILED]
+        if failed:
+            return Judgement(version, case.name, Verdict.FAILED, words=failed[0])
+        why = next((check.message for check in result.checks if check.message), "no check holds")
         return Judgement(version, case.name, Verdict.SKIPPED, words=f"not judged: {why}")
     first = result.diagnoses[0].first if result.diagnoses else None
     words = first.name if first is not None else "no diagnosis"
-    if max(errors) <= SAME_BELOW:
+    if max(errors) <= scatter:
         words = "agrees"
-    return Judgement(version, case.name, result.verdict, float(max(errors)), words)
+    return Judgement(version, case.name, result.verdict, float(max(errors)), words, scatter)
 
 
 def page_of(history: History) -> tuple[list[Finding], Page]:
@@ -245,7 +302,7 @@ def page_of(history: History) -> tuple[list[Finding], Page]:
         if not judged:
             findings.append(Finding(case, "no version has a result", Verdict.INCONCLUSIVE))
         elif not changes:
-            off = (judged[-1].error or 0.0) > SAME_BELOW
+            off = (judged[-1].error or 0.0) > judged[-1].scatter
             said = _said(judged[-1]) if off else f"all {len(judged)} that were judged agree"
             found = f"{judged[0].version} to {judged[-1].version}: {said}"
             verdict = Verdict.FAILED if off else Verdict.PASSED
@@ -253,6 +310,10 @@ def page_of(history: History) -> tuple[list[Finding], Page]:
     rows = [(j.version, j.case, j.verdict.value, j.error, j.words) for j in history.judgements]
     columns = {"version": "", "case": "", "verdict": "", "error": ".3g", "what explains it": ""}
     settings = [(s.what, s.source) for s in history.peer.settings]
+    given = ", ".join(f"{name}={value}" for name, value in history.peer.options.items())
+    settings += (
+        [(f"Options of the adapter: {given}", "this call, or the registry")] if given else []
+    )
     wheels = [(e.version, name, h) for e in history.environments for name, h in e.wheels.items()]
     tables = {
         "history": Table("Versions", columns, rows),
@@ -273,7 +334,9 @@ def page_of(history: History) -> tuple[list[Finding], Page]:
 
 
 def _said(judgement: Judgement) -> str:
-    if (judgement.error or 0.0) <= SAME_BELOW:
+    if judgement.error is None:
+        return f"no result, {judgement.words}"
+    if (judgement.error or 0.0) <= judgement.scatter:
         return "agrees"
     return f"{judgement.error:.2%} off, {judgement.words}"
 

@@ -79,6 +79,9 @@ class Peer(_Model):
         name: Short name of letters, digits and hyphens, for its page and its column.
         title: Name for people.
         law: The law that it solves; a case's body follows it instead of the case's own.
+        works_with: Released versions that the adapter is written for, FIRST:LAST; "" for all.
+        beside: What is installed beside a range of its versions, in the place of `packages`.
+        scatter: Error below which its results are all the same, its solver's rounding [-].
         compiles: Whether its first run here compiles what later ones reuse.
         adapter: Its file in the folder of adapters, without .py.
         options: Options for its adapter.
@@ -100,6 +103,9 @@ class Peer(_Model):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
     title: str = Field(min_length=1)
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
+    works_with: str = ""
+    beside: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    scatter: float = Field(default=1e-5, gt=0.0)
     compiles: bool = False
     adapter: str = ""
     options: dict[str, Any] = Field(default_factory=dict)

@@ -14,13 +14,20 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.fingerprint import file_hash
 from palpate.meshes.temporaries import own_mark, sweep
+
+try:
+    import fcntl
+except ImportError:  # Windows: two at once install twice, and one of them fails at its renaming
+    fcntl = None  # type: ignore[assignment]
 
 # Time that pip has for one version [s], and how often the size of its folder is looked at [s].
 _TIME_LIMIT = 600.0
@@ -121,24 +128,36 @@ def installed(package: str, version: str, others: Sequence[str], most_bytes: int
     Raises:
         NotInstalledError: No wheels of it are found, they take more space or time, or pip fails.
     """
-    folder = _folder_of(package, version)
+    folder = _folder_of(package, version, others)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    is_new = not (folder / _WHEELS).is_file()
-    if is_new:
-        sweep(folder.parent, _HALF_INSTALLED, lambda left: shutil.rmtree(left, ignore_errors=True))
-        _install(folder, f"{package}=={version}", others, most_bytes)
+    with _alone(folder):
+        is_new = not (folder / _WHEELS).is_file()
+        if is_new:
+            sweep(folder.parent, _HALF_INSTALLED, partial(shutil.rmtree, ignore_errors=True))
+            _install(folder, f"{package}=={version}", others, most_bytes)
     wheels = json.loads((folder / _WHEELS).read_text("utf-8"))
     return Installed(version, folder / "bin" / "python", wheels, is_new, size_of(folder))
 
 
-def is_cached(package: str, version: str) -> bool:
-    """Whether nothing has to be downloaded for a version."""
-    return (_folder_of(package, version) / _WHEELS).is_file()
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other process installs this environment; the system frees a dead one's lock."""
+    with folder.with_name(f"{folder.name}.lock").open("w") as lock:
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
-def _folder_of(package: str, version: str) -> Path:
+def is_cached(package: str, version: str, others: Sequence[str]) -> bool:
+    """Whether nothing has to be downloaded for a version and what is beside it."""
+    return (_folder_of(package, version, others) / _WHEELS).is_file()
+
+
+def _folder_of(package: str, version: str, others: Sequence[str]) -> Path:
+    # What is installed beside it in a version of its own makes another environment.
+    bound = [re.sub(r"\W+", "_", other) for other in others if not re.fullmatch(r"[\w-]+", other)]
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    return cache_folder() / f"{package}-{version}-{python}"
+    return cache_folder() / "-".join([package, version, python, *bound])
 
 
 def size_of(folder: Path) -> int:

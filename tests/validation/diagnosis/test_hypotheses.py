@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,12 @@ def test_lames_parameters_as_mistakes_have_them() -> None:
     expected = {
         "Lamé's parameters exchanged": (3.0, 2.0),
         "bulk modulus instead of Lamé's lmbda": (4.0, 3.0),
+        "Lamé's lmbda instead of the bulk modulus": (0.0, 3.0),
+        "lmbda instead of lmbda + mu as the constant of a stable neo-Hookean law": (-1.0, 3.0),
+        "Lamé's parameters as the constants of a stable neo-Hookean law with its logarithm": (
+            0.125,  # 2 - 5/8 3
+            2.25,
+        ),
         "mu instead of 2 mu": (2.0, 1.5),
         "4 mu instead of 2 mu": (2.0, 6.0),
         "Young's modulus instead of mu": (2.0, 7.2),
@@ -57,6 +64,15 @@ def test_lames_parameters_as_mistakes_have_them() -> None:
     assert set(expected) <= set(found)
     for name, pair in expected.items():
         assert tuple(map(float, found[name])) == pytest.approx(pair), name
+
+
+@pytest.mark.parametrize("nu", [0.1, 0.3, 0.4, 0.45])
+def test_mistakes_of_lames_parameters_are_three_digits_apart(nu: float) -> None:
+    lmbda, mu = nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
+    found = {name: np.array(pair) for name, pair in lame_hypotheses(lmbda, mu).items()}
+    asked = np.array([lmbda, mu])
+    for (a, first), (b, second) in itertools.combinations({"asked": asked, **found}.items(), 2):
+        assert np.abs(first - second).max() > 1e-3 * asked.max(), (a, b)
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,8 @@ STATICS = {
     "scikit-fem-p1": 1e-8,
     "kratos-tl": 1e-8,
     "getfem-p1": 1e-8,
+    "ngsolve-p1": 1e-8,
+    "tatva-tet4": 1e-8,
     "mujoco-flex": 1e-5,
     "newton-semi-implicit": 5e-3,
 }

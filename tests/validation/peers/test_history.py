@@ -5,11 +5,14 @@ import os
 import subprocess
 import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from typer.testing import CliRunner
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.reference.availability import is_available
 from palpate.validation.case import load_cases
 from palpate.validation.cli import app
 from palpate.validation.peers import history, released
@@ -35,19 +38,19 @@ Path(sys.argv[2]).write_text("\\n".join(rows))
 """
 
 
-def write_wheel(folder, version, times):
-    """A wheel of the package fakesim."""
-    info = f"fakesim-{version}.dist-info"
-    with zipfile.ZipFile(folder / f"fakesim-{version}-py3-none-any.whl", "w") as wheel:
-        wheel.writestr("fakesim.py", f"LAMBDA = {times}\n")
+def write_wheel(folder, version, times, name="fakesim"):
+    """A wheel of the package fakesim, or of another."""
+    info = f"{name}-{version}.dist-info"
+    with zipfile.ZipFile(folder / f"{name}-{version}-py3-none-any.whl", "w") as wheel:
+        wheel.writestr(f"{name}.py", f"LAMBDA = {times}\n")
         wheel.writestr(
-            f"{info}/METADATA", f"Metadata-Version: 2.1\nName: fakesim\nVersion: {version}\n"
+            f"{info}/METADATA", f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
         )
         wheel.writestr(
             f"{info}/WHEEL",
             "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         )
-        wheel.writestr(f"{info}/RECORD", f"fakesim.py,,\n{info}/METADATA,,\n{info}/WHEEL,,\n")
+        wheel.writestr(f"{info}/RECORD", f"{name}.py,,\n{info}/METADATA,,\n{info}/WHEEL,,\n")
 
 
 @pytest.fixture
@@ -136,9 +139,38 @@ def test_what_cannot_be_installed_or_takes_too_much_space_is_skipped_with_a_word
         Verdict.SKIPPED,
         "it takes more space than --disk leaves",
     )
-    assert sorted(p.name for p in released.cache_folder().iterdir()) == [
+    assert sorted(p.name for p in released.cache_folder().iterdir() if p.is_dir()) == [
         f"fakesim-1.0.0-py{sys.version_info.major}{sys.version_info.minor}"
     ]
+
+
+@pytest.mark.usefixtures("index")
+def test_two_installs_at_once_are_one_after_the_other():
+    with ThreadPoolExecutor(3) as pool:
+        asked = [pool.submit(released.installed, "fakesim", "1.0.0", (), 10**8) for _ in range(3)]
+        found = [each.result() for each in asked]
+    assert sorted(each.is_new for each in found) == [False, False, True]
+    assert len({each.python for each in found}) == 1
+
+
+@pytest.mark.usefixtures("peer")
+def test_what_pip_prints_reaches_neither_terminal_nor_page(tmp_path, monkeypatch, index, capfd):
+    # An index that answers nobody, whose name is a secret; pip names it in its warnings.
+    secret = "user:secret@no-such-index.invalid"
+    monkeypatch.delenv("PIP_NO_INDEX")
+    monkeypatch.setenv("PIP_INDEX_URL", f"https://{secret}/simple")
+    monkeypatch.setenv("PIP_RETRIES", "0")
+    out = tmp_path / "out"
+    words = ["history", "fakesim", "stretch", "--versions", "1.1:1.2", "--yes", "-o", str(out)]
+    done = CliRunner().invoke(app, words)
+    said = [done.output, str(done.exception), "".join(capfd.readouterr())]
+    said += [f.read_text() for f in out.iterdir() if f.suffix in {".html", ".csv", ".json"}]
+    assert done.exit_code == 1, said
+    assert "changed between 1.1.0 and 1.2.0" in "".join(said)
+    for text in said:
+        assert "no-such-index" not in text
+        assert "secret" not in text
+        assert str(index) not in text
 
 
 @pytest.mark.usefixtures("index", "peer")
@@ -159,9 +191,14 @@ def test_the_command_asks_before_it_downloads_and_writes_the_page(tmp_path):
     assert json.loads((out / "results.json").read_text())["verdict"] == "failed"
 
 
-def test_versions_without_a_number_are_no_change():
-    def one(error):
-        return Judgement("1", "c", Verdict.FAILED, error)
+def test_versions_that_were_not_judged_are_no_change_and_one_that_ends_without_a_result_is():
+    def one(error, verdict=Verdict.SKIPPED):
+        return Judgement("1", "c", verdict, error)
+
+    assert differ(one(None, Verdict.FAILED), one(0.1))
+    assert differ(one(1e-9), one(None, Verdict.FAILED))
+    assert not differ(one(None, Verdict.FAILED), one(None))
+    assert not differ(one(None, Verdict.FAILED), one(None, Verdict.FAILED))
 
     assert differ(one(0.1), one(0.2))
     assert not differ(one(0.1), one(0.1001))
@@ -173,6 +210,75 @@ def test_simulators_are_known_by_package_or_row_and_others_are_refused():
     assert peer_of("mujoco")[1] == peer_of("mujoco-flex")[1] == "mujoco"
     with pytest.raises(InputError, match="no released simulator 'none'; there are mujoco"):
         peer_of("none")
+
+
+def test_a_simulator_in_single_precision_scatters_by_more_before_it_is_another():
+    a, b = (Judgement("1", "c", Verdict.FAILED, e, scatter=2e-3) for e in (0.9e-3, 1.8e-3))
+    assert not differ(a, b)
+    assert differ(a, Judgement("2", "c", Verdict.FAILED, 5e-3, scatter=2e-3))
+
+
+@pytest.mark.usefixtures("index")
+def test_a_version_that_the_adapter_is_not_written_for_is_skipped_with_a_word(peer):
+    cases = load_cases(["stretch"])
+    newer = peer.model_copy(update={"works_with": "1.2:"})
+    found = trace(newer, "fakesim", ["1.1.0", "1.2.0"], cases, gigabytes=0.1)
+    old, new = found.judgements
+    assert (old.outcome, old.words) == ("skipped", "the adapter is written for 1.2: alone")
+    assert (new.outcome, new.words) == ("number", "agrees")
+    assert not found.changes
+
+
+def test_a_range_of_versions_may_need_others_beside_it(index, peer):
+    write_wheel(index, "2.0.0", 1.0, name="beside")
+    write_wheel(index, "3.0.0", 1.0, name="beside")
+    old = peer.model_copy(update={"beside": {"1.0:1.1": ("beside<3",)}, "packages": ("fakesim",)})
+    found = trace(old, "fakesim", ["1.1.0", "1.2.0"], load_cases(["stretch"]), gigabytes=0.1)
+    wheels = [sorted(name.split("-py3")[0] for name in e.wheels) for e in found.environments]
+    assert wheels == [["beside-2.0.0", "fakesim-1.1.0"], ["fakesim-1.2.0"]]
+    assert released.is_cached("fakesim", "1.1.0", ["beside<3"])
+    assert not released.is_cached("fakesim", "1.1.0", [])
+
+
+@pytest.mark.usefixtures("index")
+def test_options_go_to_the_adapter_and_onto_the_page(peer, tmp_path):
+    adapter = tmp_path / "fake_adapter.py"
+    text = adapter.read_text().replace("RATIO = 1.5", "RATIO = float(sys.argv[3][6:]) * 1.5")
+    adapter.write_text(text)
+    given = history.with_options(peer, ["ratio=0.5"])
+    found = trace(given, "fakesim", ["1.0.0", "1.2.0"], load_cases(["stretch"]), gigabytes=0.1)
+    # lmbda is 2 and 1 times what was asked, and half of that: the change is the other way round.
+    assert [j.words[:25] for j in found.judgements] == ["agrees", "Lamé's lmbda 0.500 times "]
+    assert "Options of the adapter: ratio=0.5" in page_of(found)[1].tables["settings"].rows[0]
+    for wrong in ("ratio", "=1", "a b=1"):
+        with pytest.raises(InputError, match="needs NAME=VALUE"):
+            history.with_options(peer, [wrong])
+
+
+def test_cases_are_posed_under_the_law_that_a_simulator_solves():
+    (stretch,) = load_cases(["stretch"])
+    assert history.of_its_law(peer_of("mujoco")[0], [stretch]) == [stretch]
+    if is_available():
+        (posed,) = history.of_its_law(peer_of("newton-vbd")[0], [stretch])
+        assert posed.problem.material.law is Law.NEO_HOOKEAN_STABLE
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("words", "versions", "said"),
+    [
+        ("mujoco shear --option turned=60", "3.10:3.11", "changed between 3.10.0 and 3.11.0"),
+        ("felupe-neo-hooke turned", "8.5.0:8.5.1", "changed between 8.5.0 and 8.5.1"),
+        ("newton-xpbd shear", "1.8.0", "shear-neo-hookean-stable: no change"),
+        ("newton shear --option constants=lame", "1.8.0", "30.2"),
+    ],
+)
+def test_what_was_found_in_released_software_is_found_again(words, versions, said, tmp_path):
+    command = [sys.executable, "-m", "palpate.validation.cli", "history", *words.split()]
+    command += ["--versions", versions, "--yes", "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert said in done.stdout
 
 
 @pytest.mark.nightly

@@ -227,13 +227,14 @@ def test_the_reason_for_no_distance_is_short(status, why, short) -> None:
 
 def test_every_entry_states_its_settings_and_their_sources() -> None:
     everybody = [entry for entry in peers_on_board() if entry.is_outside]
-    assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 6
+    assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 9
     for entry in everybody:
         assert entry.settings, entry.name
         assert entry.better, entry.name
         assert entry.install, entry.name
-        # One file for all that is done with a simulator: statics, motions, steps on devices.
-        assert entry.adapter_lines <= 200, entry.name
+        # One file for all that is done with a simulator: statics, motions, steps on devices; of
+        # Newton three solvers, whose bodies are built alike.
+        assert entry.adapter_lines <= (250 if entry.adapter == "newton_soft" else 200), entry.name
     with pytest.raises(InputError, match="no entry 'sofa'"):
         peers_on_board(["sofa"])
 

@@ -50,7 +50,8 @@ class Static:
         lmbda, mu = lame(job)
         law = job.get("law", "saint-venant-kirchhoff")
         if law == "neo-hookean":
-            self._law = felupe.NeoHookeCompressible(mu=mu, lmbda=lmbda)
+            # Its documentation: None leaves out the part of the volume, which is 0 here.
+            self._law = felupe.NeoHookeCompressible(mu=mu, lmbda=lmbda or None)
         elif law == "neo-hookean-isochoric":
             self._law = felupe.NeoHooke(mu=mu, bulk=lmbda + 2.0 * mu / 3.0)
         else:

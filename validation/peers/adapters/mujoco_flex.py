@@ -11,6 +11,9 @@ step: with a diagonal mass that is equivalent. Mass damping is that of the slide
 Euler integrator takes implicitly; stiffness damping is the flex's own, on the rate of its edges'
 squares, and so of Green strain. A flex spreads its mass evenly over its points.
 
+`turned=60` puts the flex into a body that is turned by 60 degrees about (1, 2, 2), and its points
+turned back in that body: the same problem. The joints then move along the axes of that body.
+
 `Steps` on a device are those of MuJoCo Warp (MJWarp), for timing alone. As its documentation says,
 the model and its data are put on the device, and on a GPU a step is captured as a graph once and
 launched after that. It computes in single precision.
@@ -22,7 +25,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from harness import Stepped, gravity_of, solve_case, stable_step
+from harness import Stepped, gravity_of, require_fixed_points, solve_case, stable_step
 
 LARGEST = 100_000  # cells; with more, compiling the model does not end
 
@@ -33,7 +36,9 @@ class Flex:
     tool, version, precision = "MuJoCo flex", mujoco.__version__, "float64"
 
     def __init__(self, job: dict[str, Any], time_step: float, gravity: Any) -> None:
-        points, cells = job["points"], job["cells"]
+        cells = job["cells"]
+        quaternion, self.turn = turned(float(job.get("turned", 0.0)))
+        points = job["points"] @ self.turn  # R^T x of each
         if len(cells) > LARGEST:
             raise ValueError(f"models of more than {LARGEST} cells do not compile in minutes")
 
@@ -46,14 +51,15 @@ class Flex:
             <option timestep="{time_step:.17g}" gravity="{text(gravity)}">
               <flag contact="disable" constraint="disable" autoreset="disable"/></option>
             <size memory="2G"/>
-            <worldbody><flexcomp name="body" type="direct" dim="3" radius="1e-6"
+            <worldbody><body name="turned" quat="{text(quaternion)}">
+              <flexcomp name="body" type="direct" dim="3" radius="1e-6"
                 mass="{job["lumped_mass"].sum():.17g}"
                 point="{text(points)}" element="{" ".join(map(str, cells.ravel()))}">
               <elasticity young="{job["youngs_modulus"][0]:.17g}"
                 poisson="{job["poissons_ratio"][0]:.17g}"
                 damping="{job.get("stiffness_damping", 0)}"/>
               <contact selfcollide="none" contype="0" conaffinity="0"/>
-              <pin id="{text(np.flatnonzero(pinned))}"/></flexcomp></worldbody></mujoco>"""
+              <pin id="{text(np.flatnonzero(pinned))}"/></flexcomp></body></worldbody></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
         self.free = ~pinned
@@ -61,8 +67,16 @@ class Flex:
     def at_points(self, values: Any, at_pinned: float) -> Any:
         """Values of the free points as rows of all points."""
         rows = np.full((len(self.free), 3), at_pinned)
-        rows[self.free] = np.array(values).reshape(-1, 3)
+        rows[self.free] = np.array(values).reshape(-1, 3) @ self.turn.T
         return rows
+
+
+def turned(degrees: float) -> tuple[Any, Any]:
+    """Quaternion and matrix of a turn about (1, 2, 2)."""
+    axis, half = np.array([1.0, 2.0, 2.0]) / 3.0, 0.5 * np.deg2rad(degrees)
+    w, v = np.cos(half), np.sin(half) * axis
+    cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return np.array([w, *v]), np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
 
 
 class Steps(Flex):
@@ -126,6 +140,8 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
+        if "turned" in job:
+            require_fixed_points(job)  # components are those of the turned body
         self.job = job
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
         # Undamped motions take half of the stable step, for a law that stiffens.
@@ -135,11 +151,11 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
         self.inertia = mass[0] / self.time_step
         self._fixed = job["fixed"][self.free].ravel() == 1
         self._moved = job["prescribed_displacement"][self.free].ravel()[self._fixed]
-        applied = job["external_force"][self.free].ravel()
+        applied = (job["external_force"] @ self.turn)[self.free].ravel()
         self.data.qfrc_applied[:] = np.where(self._fixed, 0.0, applied)
         self.model.dof_damping[:] = job.get("mass_damping", 0.0) * mass[0]
         if "initial_velocity" in job:
-            velocity = job["initial_velocity"][self.free].ravel()
+            velocity = (job["initial_velocity"] @ self.turn)[self.free].ravel()
             self.data.qvel[:] = np.where(self._fixed, 0.0, velocity)
 
     def step(self, part: float = 1.0) -> None:

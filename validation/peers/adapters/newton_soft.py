@@ -3,24 +3,27 @@
     palpate gate CASE --law neo-hookean-stable-log \
         --simulator "python newton_soft.py {case} {result}"
     palpate gate CASE --law neo-hookean-stable \
-        --simulator "python newton_soft.py {case} {result} solver=vbd"
+        --simulator "python newton_soft.py {case} {result} solver=vbd"   (or solver=xpbd)
 
 It steps semi-implicitly, or by vertex block descent: implicit Euler, each step by sweeps of block
-descent. With too few sweeps a stiff body creeps at a velocity that hardly changes, wherever it is:
-so it counts as at rest where the forces of its law, computed here at its positions in double
-precision, balance the load. Positions in single precision may be too coarse for that: rounding
-those of a slender beam leaves some per cent of its load. A body that does not get there has no
-result. For Saint-Venant-Kirchhoff it solves its own law: the difference is one of model, not of
-solver. Its bodies have no mass damping: that is a force on the points, from the previous step.
+descent; or by XPBD, with the semi-implicit solver's step, at which its compliant constraints are
+solved to the end by few sweeps. `constants=lame` hands k_mu and k_lambda to the semi-implicit
+solver as its documentation names them, which are not those of its law. With too few sweeps a stiff
+body creeps at a velocity that hardly changes, wherever it is: so it counts as at rest where the
+forces of its law, computed here at its positions in double precision, balance the load. Positions
+in single precision may be too coarse for that: rounding those of a slender beam leaves some per
+cent of its load. A body that does not get there has no result. For Saint-Venant-Kirchhoff it solves
+its own law: the difference is one of model, not of solver. Its bodies have no mass damping: that is
+a force on the points, from the previous step.
 """
 
 from __future__ import annotations
 
+import inspect
 import sys
 from abc import abstractmethod
 from typing import Any
 
-import newton
 import numpy as np
 import warp as wp
 from harness import (
@@ -32,6 +35,10 @@ from harness import (
     solve_case,
     stable_step,
 )
+
+if not hasattr(wp.config, "verbose"):
+    wp.config.verbose = False  # Newton before 1.3 reads it, and newer Warp has none
+import newton
 
 ITERATIONS = 10  # sweeps of block descent: Newton's default
 
@@ -60,11 +67,17 @@ class SoftMesh(Stepped):  # type: ignore[misc]
 
     def build(self, job: dict[str, Any], gravity: Any) -> None:
         """Make the model and its solver."""
-        wp.config.log_level = wp.LOG_WARNING
+        if hasattr(wp, "LOG_WARNING"):  # Warp before 1.13 has `quiet` instead
+            wp.config.log_level = wp.LOG_WARNING
+        else:
+            wp.config.quiet = True
         wp.init()
         self.job = job
         k_mu, k_lambda = self.constants(*lame(job))
-        builder = newton.ModelBuilder(gravity=tuple(map(float, gravity)))
+        builder = newton.ModelBuilder(**_gravity(gravity))
+        # Newton 0 and 1.0 do not know every argument.
+        known = inspect.signature(builder.add_soft_mesh).parameters
+        edges = {name: False for name in ("add_surface_mesh_edges",) if name in known}
         builder.add_soft_mesh(
             pos=(0.0, 0.0, 0.0),
             rot=wp.quat_identity(),
@@ -76,7 +89,7 @@ class SoftMesh(Stepped):  # type: ignore[misc]
             k_mu=k_mu,
             k_lambda=k_lambda,
             k_damp=0.0,
-            add_surface_mesh_edges=False,
+            **edges,
         )
         self.fixed = job["fixed"].astype(bool)
         self._rest, self._moved = job["points"], job["prescribed_displacement"]
@@ -129,6 +142,8 @@ class SemiImplicit(SoftMesh):
 
         Given Lame's parameters as they are, a body bends 41 % too far even where it is stiff.
         """
+        if self.job.get("constants") == "lame":
+            return mu, lmbda
         return 4.0 / 3.0 * mu, lmbda + 5.0 / 6.0 * mu
 
     def make_solver(self, builder: Any) -> Any:
@@ -165,8 +180,11 @@ class BlockDescent(SoftMesh):
         return np.where(self.fixed, 0.0, force)
 
     def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
-        """Lame's parameters: the solver converts them to those of its law by itself."""
-        return mu, lmbda
+        """Lame's parameters: the solver converts them to those of its law by itself.
+
+        Not in 1.0.0: `constants=smith` hands it those of its law.
+        """
+        return (mu, lmbda + mu) if self.job.get("constants") == "smith" else (mu, lmbda)
 
     def make_solver(self, builder: Any) -> Any:
         """Sweeps go over points of one color at a time."""
@@ -175,6 +193,33 @@ class BlockDescent(SoftMesh):
         return newton.solvers.SolverVBD(
             self.model, iterations=ITERATIONS, particle_enable_self_contact=False
         )
+
+
+class PositionBased(SemiImplicit):
+    """A body of two compliant constraints for each cell, of k_mu and k_lambda."""
+
+    tool, laws = "Newton XPBD", ("saint-venant-kirchhoff", "neo-hookean-stable")
+
+    def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
+        """Lame's parameters, which its documentation says that they are."""
+        return mu, lmbda
+
+    def make_solver(self, builder: Any) -> Any:
+        """Without contacts, its iterations and relaxation as they are by default."""
+        self.model = builder.finalize(device=self.device)
+        # No contact of points with one another.
+        self.model.particle_grid, self.model.particle_max_radius = None, 0.0
+        return newton.solvers.SolverXPBD(self.model)
+
+
+def _gravity(vector: Any) -> dict[str, Any]:
+    """The argument of ModelBuilder: a number along its axis up in Newton before 1.6."""
+    default = inspect.signature(newton.ModelBuilder).parameters["gravity"].default
+    if isinstance(default, float):
+        if np.any(vector):
+            raise ValueError("this version takes gravity along one axis alone")
+        return {"gravity": 0.0}
+    return {"gravity": tuple(map(float, vector))}
 
 
 class Steps(SemiImplicit):
@@ -193,5 +238,6 @@ class Steps(SemiImplicit):
 
 
 if __name__ == "__main__":
-    body = BlockDescent if "solver=vbd" in sys.argv else SemiImplicit
+    solvers = {"solver=vbd": BlockDescent, "solver=xpbd": PositionBased}
+    body = next((solvers[word] for word in sys.argv if word in solvers), SemiImplicit)
     solve_case(body, body)
