@@ -257,11 +257,12 @@ LINES = {
         "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
-    "validation/case": (3215, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
+    "validation/case": (3230, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
     "validation/commands": (2310, "issue 40: history of releases; issue 38: `init --copy`"),
     "validation/diagnosis": (
         2370,
-        "issue 40: Lamé's parameters by name, constants of stable laws; issue 39: one cause of a law",
+        "issue 40: Lamé's parameters by name, constants of stable laws; "
+        "issue 39: one cause of a law",
     ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
