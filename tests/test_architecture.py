@@ -242,8 +242,9 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45050,
-        "issue 40: history of released versions; issue 38: the report's first screen answers",
+        45900,
+        "issue 40: history of released versions; issue 38: the report's first screen answers; "
+        "issue 36: measured tracks, and fits to them",
     ),
     "tests": (
         56200,
@@ -264,11 +265,17 @@ LINES = {
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
-    "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
+    "validation/metrics": (
+        4640,
+        "issue 33: one way to measure; issue 36: tracks of markers on a real body",
+    ),
     "validation/peers": (6430, "issue 40: released versions, each in its environment"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
-    "validation/studies": (3800, "issue 33: what tests prove is no study"),
+    "validation/studies": (
+        4250,
+        "issue 33: what tests prove is no study; issue 36: fits to measurements",
+    ),
 }
 
 
