@@ -7,7 +7,7 @@ squares over its degrees of freedom (G. A. F. Seber, C. J. Wild, Nonlinear Regre
 5.1). A combination of parameters, a right singular vector of J, is *not identifiable* where its
 interval is wider than the bounds: the measurement adds nothing to what was known before.
 
-A coarse model searches; where a finer one is given, a last Gauss-Newton step from the coarse optimum
+A coarse model searches; where a finer one is given, a last Gauss-Newton step from its optimum
 with the finer predictions and the coarse derivatives keeps the mesh's error out of the parameters.
 
 The verdict of a prediction is after ASME V&V 20-2009: passed where |E| + 2 u_val <= limit, failed
