@@ -275,13 +275,13 @@ def fit_frame(file: str, stated: Mapping[str, Points], measured: Mapping[str, Po
             f"distances of markers are {ratio:.3g} times the stated ones; correct the unit in the "
             "column names, or that of the stated places",
         )
-    frame = _rigid(body, lab)
+    frame = rigid_motion(body, lab)
     if frame.rms <= limit:
         return frame
     if len(names) <= _MOST_ORDERED:
         orders = itertools.permutations(range(len(names)))
-        order = min(orders, key=lambda o: _rigid(body, lab[list(o)]).rms)
-        other = _rigid(body, lab[list(order)])
+        order = min(orders, key=lambda o: rigid_motion(body, lab[list(o)]).rms)
+        other = rigid_motion(body, lab[list(order)])
         if other.rms <= limit:
             wrong = [(names[i], names[k]) for i, k in enumerate(order) if i != k]
             raise ExchangedLabelsError(
@@ -299,7 +299,16 @@ def fit_frame(file: str, stated: Mapping[str, Points], measured: Mapping[str, Po
     )
 
 
-def _rigid(body: Points, lab: Points) -> Frame:
+def rigid_motion(body: Points, lab: Points) -> Frame:
+    """Rigid motion that takes points to others best, by least squares.
+
+    Args:
+        body: Points [m], shape (n, 3), n >= 3.
+        lab: Where they are [m], shape (n, 3).
+
+    Returns:
+        The motion, without reflection.
+    """
     centers = body.mean(axis=0), lab.mean(axis=0)
     left, _, right = np.linalg.svd((lab - centers[1]).T @ (body - centers[0]))
     sign = np.sign(np.linalg.det(left @ right))
