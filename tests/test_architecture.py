@@ -242,7 +242,7 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45900,
+        46150,
         "issue 40: history of released versions; issue 38: the report's first screen answers; "
         "issue 36: measured tracks, and fits to them",
     ),
@@ -273,7 +273,7 @@ LINES = {
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
     "validation/studies": (
-        4250,
+        4500,
         "issue 33: what tests prove is no study; issue 36: fits to measurements",
     ),
 }
