@@ -244,21 +244,22 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        45900,
+        47100,
+        "issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved",
     ),
     "tests": (
-        56450,
+        57400,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (3230, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
-    "validation/commands": (2310, "issue 40: history of releases; issue 38: `init --copy`"),
+    "validation/commands": (2420, "issue 40: history of releases; issue 38: `init --copy`"),
     "validation/diagnosis": (
         2370,
         "issue 40: Lamé's parameters by name, constants of stable laws; "
@@ -268,16 +269,25 @@ LINES = {
     "validation/examples": (250, "as of 24 November 2026"),
     "validation/exchange": (1500, "as of 24 November 2026"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
-    "validation/judging": (3600, "issue 34: what results, models and files may not do"),
+    "validation/judging": (
+        3620,
+        "issue 34: what results, models and files may not do; issue 38: a simulator before its truth",
+    ),
     "validation/live": (
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
-    "validation/metrics": (4250, "issue 33: one way to measure; shorter internal texts"),
+    "validation/metrics": (
+        4640,
+        "issue 33: one way to measure; issue 36: tracks of markers on a real body",
+    ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
-    "validation/studies": (3800, "issue 33: what tests prove is no study"),
+    "validation/studies": (
+        4500,
+        "issue 33: what tests prove is no study; issue 36: fits to measurements",
+    ),
 }
 
 

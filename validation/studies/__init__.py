@@ -29,6 +29,7 @@ STUDIES = {
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",
     "meshing": "Fig. 1: traditional beside improved Delaunay meshing, cut open",
     "sensitivity": "what the inputs are worth beside the mesh: u_val of V&V 20",
+    "silicone-bar": "a measured bar: modulus fitted to one load, the other predicted",
     "validity": "where linear strain may stand in for Green strain",
 }
 # Those that stand elsewhere: with the other simulators, of which studies import nothing.
@@ -43,7 +44,9 @@ def load_study(name: str) -> Any:
     """
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
-    return importlib.import_module(_ELSEWHERE.get(name, f"palpate.validation.studies.{name}"))
+    return importlib.import_module(
+        _ELSEWHERE.get(name, f"palpate.validation.studies.{name.replace('-', '_')}")
+    )
 
 
 def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:
