@@ -271,7 +271,7 @@ LINES = {
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
         3620,
-        "issue 34: what results, models and files may not do; issue 38: a simulator before its truth",
+        "issue 34: what results, models and files may not do; issue 38: no truth without a result",
     ),
     "validation/live": (
         3060,
