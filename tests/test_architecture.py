@@ -236,7 +236,8 @@ def test_no_two_files_import_one_another_in_a_circle() -> None:
 LINES = {
     "meshes": (
         7770,
-        "issue 38: gravity and spread_force for a first script; issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
+        "issue 38: gravity and spread_force for a first script; "
+        "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
