@@ -236,6 +236,9 @@ def gravity(
         density: At rest [kg/m3], above 0; the material's.
         amplitude: Factor over time [-]; None is 1 at all times.
 
+    Returns:
+        The load: density times acceleration [N/m3].
+
     Raises:
         InputError: A density that is not above 0, or an acceleration that is not finite.
 
@@ -266,6 +269,9 @@ def spread_force(
         where: From centroids of boundary facets at rest [m], (n, 3), to whether each is loaded,
             (n,).
         amplitude: Factor over time [-]; None is 1 at all times.
+
+    Returns:
+        The load: force over the area of these facets [Pa].
 
     Raises:
         InputError: No facet is chosen, or the choice has another shape.

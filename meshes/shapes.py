@@ -34,6 +34,13 @@ def shape_box(
 
     Edges of the grid have about a wanted length [m], which is rounded to divide each side.
 
+    Args:
+        size: Sides along x, y, z [m], each above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
+
     Raises:
         InputError: A length that is not finite and above 0.
 
@@ -71,6 +78,13 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
 
     Every point lies on the sphere to rounding. The number of parts is the one whose mean edge
     comes closest to `edge_length` [m].
+
+    Args:
+        radius: [m], above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
 
     Raises:
         InputError: A length that is not finite and above 0.
@@ -122,6 +136,14 @@ def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSu
     """A cylinder about the z axis from z = 0 to `height` [m], caps of concentric rings.
 
     The points of the mantle lie on it; edges have about a wanted length [m].
+
+    Args:
+        radius: [m], above 0.
+        height: [m], above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
 
     Raises:
         InputError: A length that is not finite and above 0.
