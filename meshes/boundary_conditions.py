@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -222,6 +222,80 @@ class BodyForce:
 
     force_density: tuple[float, float, float]
     amplitude: TabularAmplitude | None = None
+
+
+def gravity(
+    acceleration: tuple[float, float, float],
+    density: float,
+    amplitude: TabularAmplitude | None = None,
+) -> BodyForce:
+    """The weight of a body of one density, as a body force.
+
+    Args:
+        acceleration: [m/s2], shape (3,).
+        density: At rest [kg/m3], above 0; the material's.
+        amplitude: Factor over time [-]; None is 1 at all times.
+
+    Returns:
+        The load: density times acceleration [N/m3].
+
+    Raises:
+        InputError: A density that is not above 0, or an acceleration that is not finite.
+
+    >>> import palpate
+    >>> palpate.gravity((0.0, 0.0, -9.81), density=1000.0).force_density
+    (0.0, 0.0, -9810.0)
+    """
+    if not (math.isfinite(density) and density > 0.0 and np.isfinite(acceleration).all()):
+        raise InputError(
+            f"gravity of {acceleration} m/s2 on {density:g} kg/m3: needs finite numbers, and a "
+            "density above 0"
+        )
+    x, y, z = (density * float(a) for a in acceleration)
+    return BodyForce((x, y, z), amplitude)
+
+
+def spread_force(
+    mesh: TetMesh,
+    force: tuple[float, float, float],
+    where: Callable[[Points], NDArray[np.bool_]],
+    amplitude: TabularAmplitude | None = None,
+) -> Traction:
+    """A force spread evenly, per rest area, over the boundary facets of a region.
+
+    Args:
+        mesh: The body.
+        force: In all [N], shape (3,).
+        where: From centroids of boundary facets at rest [m], (n, 3), to whether each is loaded,
+            (n,).
+        amplitude: Factor over time [-]; None is 1 at all times.
+
+    Returns:
+        The load: force over the area of these facets [Pa].
+
+    Raises:
+        InputError: No facet is chosen, or the choice has another shape.
+
+    >>> import palpate
+    >>> body = palpate.mesh(palpate.box((0.06, 0.02, 0.02), edge_length=0.01))
+    >>> load = palpate.spread_force(body, (0.4, 0.0, 0.0), lambda x: x[:, 0] > 0.0599)
+    >>> [round(t, 9) for t in load.traction]  # Pa: over 4 cm2
+    [1000.0, 0.0, 0.0]
+    """
+    facets = mesh.boundary_facets
+    corners = mesh.points[facets]
+    chosen = np.asarray(where(corners.mean(axis=1)))
+    if chosen.dtype != np.bool_ or chosen.shape != (len(facets),):
+        raise InputError(
+            f"where gave {chosen.dtype} of shape {chosen.shape}; needs one truth value for each of "
+            f"{len(facets)} facets"
+        )
+    if not chosen.any():
+        raise InputError("no boundary facet has its centroid in this region: make it larger")
+    a, b, c = corners[chosen].transpose(1, 0, 2)
+    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    x, y, z = (float(component) / area for component in force)
+    return Traction(facets[chosen], (x, y, z), amplitude)
 
 
 Load: TypeAlias = Traction | Pressure | PointForce | BodyForce

@@ -33,6 +33,20 @@ def shape_box(
     """A box from the origin to `size` [m], facets on regular grids with alternating diagonals.
 
     Edges of the grid have about a wanted length [m], which is rounded to divide each side.
+
+    Args:
+        size: Sides along x, y, z [m], each above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
+
+    Raises:
+        InputError: A length that is not finite and above 0.
+
+    >>> import palpate
+    >>> round(palpate.box((0.06, 0.02, 0.02), edge_length=0.01).volume * 1e6, 6)  # cm3
+    24.0
     """
     require_positive(x=size[0], y=size[1], z=size[2], edge_length=edge_length)
     counts = [max(1, round(length / edge_length)) for length in size]
@@ -64,6 +78,20 @@ def shape_sphere(radius: float = 1.0, *, edge_length: float) -> TriSurface:
 
     Every point lies on the sphere to rounding. The number of parts is the one whose mean edge
     comes closest to `edge_length` [m].
+
+    Args:
+        radius: [m], above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
+
+    Raises:
+        InputError: A length that is not finite and above 0.
+
+    >>> import palpate
+    >>> len(palpate.sphere(0.03, edge_length=0.01).points)
+    162
     """
     require_positive(radius=radius, edge_length=edge_length)
     # 10 n^2 + 2 points on an area of 4 pi R^2: equilateral triangles of that density.
@@ -108,6 +136,21 @@ def shape_cylinder(radius: float, height: float, *, edge_length: float) -> TriSu
     """A cylinder about the z axis from z = 0 to `height` [m], caps of concentric rings.
 
     The points of the mantle lie on it; edges have about a wanted length [m].
+
+    Args:
+        radius: [m], above 0.
+        height: [m], above 0.
+        edge_length: Wanted length of edges [m], above 0.
+
+    Returns:
+        The closed surface [m], facets counter-clockwise seen from outside.
+
+    Raises:
+        InputError: A length that is not finite and above 0.
+
+    >>> import palpate
+    >>> float(palpate.cylinder(0.01, 0.05, edge_length=0.004).points[:, 2].max())
+    0.05
     """
     require_positive(radius=radius, height=height, edge_length=edge_length)
     around = max(6, round(2.0 * math.pi * radius / edge_length))

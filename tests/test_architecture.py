@@ -283,7 +283,7 @@ LINES = {
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
-    "validation/report": (3430, "issue 38: the answer, what to do next, the first picture"),
+    "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
     "validation/studies": (
         4500,
         "issue 33: what tests prove is no study; issue 36: fits to measurements",

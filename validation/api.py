@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from numpy.typing import ArrayLike
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+    gravity,
+    spread_force,
+)
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.point_mass import PointMass
@@ -32,6 +40,9 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
 )
+from palpate.meshes.shapes import shape_box as box
+from palpate.meshes.shapes import shape_cylinder as cylinder
+from palpate.meshes.shapes import shape_sphere as sphere
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
@@ -107,13 +118,18 @@ __all__ = [
     "TriSurface",
     "Verdict",
     "audit",
+    "box",
     "compare",
+    "cylinder",
     "export",
+    "gravity",
     "judge",
     "load_case",
     "mesh",
     "simulate",
     "solve",
+    "sphere",
+    "spread_force",
     "to_pyvista",
 ]
 
@@ -178,8 +194,7 @@ def mesh(
             mesher succeeds.
 
     >>> import palpate
-    >>> from palpate.meshes.shapes import shape_box
-    >>> body = palpate.mesh(shape_box((0.06, 0.02, 0.02), edge_length=0.01))
+    >>> body = palpate.mesh(palpate.box((0.06, 0.02, 0.02), edge_length=0.01))
     >>> round(body.volume * 1e6, 6)  # cm3
     24.0
     """

@@ -99,14 +99,17 @@ def solve(
     if simulator is Simulator.REFERENCE:
         from palpate.validation.references.runs import solve_reference
 
-        return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
+        found = solve_reference(problem, used, degree, progress, formulation=form, element=kind)
+        return dataclasses.replace(found, problem=problem)
     if simulator is Simulator.CONDENSED:
         from palpate.validation.candidates.fastsim import run_condensed
 
-        return run_condensed(problem, used, progress, element=kind)
+        found = run_condensed(problem, used, progress, element=kind)
+        return dataclasses.replace(found, problem=problem)
     from palpate.validation.candidates.candidate import fastsim_candidate
 
-    return fastsim_candidate(method=way, element=kind, device=device).solve(problem, used, progress)
+    candidate = fastsim_candidate(method=way, element=kind, device=device)
+    return dataclasses.replace(candidate.solve(problem, used, progress), problem=problem)
 
 
 def _require_possible(

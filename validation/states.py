@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.temporaries import atomic_path
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.schemes import Steps
+
+if TYPE_CHECKING:
+    from pyvista import UnstructuredGrid
 
 # The name of the simulator in the reference's states, with which their labels begin.
 REFERENCE = "reference"
@@ -236,6 +242,8 @@ class State:
             `displacement` and the case's cells.
         steps: Scheme and time step of a motion, as its simulator states them, or else as they were
             asked for; None where they are the case's own by central differences.
+        problem: What was solved, of `palpate.solve` and `palpate.simulate`; it is what `plot` and
+            `save` take the body from.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)
@@ -267,6 +275,61 @@ class State:
     integrals: StressIntegrals | None = None
     sent_stress: Floats | None = None
     steps: Steps | None = None
+    problem: Problem | None = None
+
+    def grid(self, step: int = -1) -> UnstructuredGrid:
+        """The body at an output time: see `palpate.to_pyvista`.
+
+        Args:
+            step: Number of the output time of a motion; the last one by default.
+
+        Returns:
+            Deformed points [m], with displacements and stresses as data.
+
+        Raises:
+            InputError: The state is not of `palpate.solve` or `simulate`, there is no such output
+                time, or pyvista is not installed.
+        """
+        from palpate.validation.report.pyvista_grid import to_pyvista
+
+        if self.problem is None:
+            raise InputError(
+                "this state does not know its problem: palpate.to_pyvista(problem, state) takes it"
+            )
+        return to_pyvista(self.problem, self, step=step)
+
+    def plot(self, step: int = -1, **options: Any) -> Any:
+        """Show it by pyvista, coloured by the displacement.
+
+        Args:
+            step: See `grid`, also for the errors.
+            options: Of pyvista's `plot`, such as `off_screen`.
+
+        Returns:
+            What pyvista's `plot` does.
+        """
+        return self.grid(step).plot(**{"scalars": "displacement", **options})
+
+    def save(self, path: str | Path, step: int = -1) -> Path:
+        """Write it for ParaView, whole or not at all.
+
+        Args:
+            path: A file, .vtu.
+            step: See `grid`, also for the other errors.
+
+        Returns:
+            The file.
+
+        Raises:
+            InputError: Another ending.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".vtu":
+            raise InputError(f"{target}: a state is saved as .vtu")
+        grid = self.grid(step)
+        with atomic_path(target) as temporary:
+            grid.save(temporary)
+        return target
 
     @property
     def displacements(self) -> NDArray[np.float64]:

@@ -18,9 +18,16 @@ from palpate.meshes.boundary_conditions import (
     Rotation,
     Support,
     Traction,
+    gravity,
+    spread_force,
 )
 from palpate.meshes.bricks import brick_box, side, support_of
-from palpate.meshes.errors import DisagreeingSupportsError, FacetNotOnBoundaryError, IndexRangeError
+from palpate.meshes.errors import (
+    DisagreeingSupportsError,
+    FacetNotOnBoundaryError,
+    IndexRangeError,
+    InputError,
+)
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
 from palpate.meshes.tet_mesh import CELL_FACETS
@@ -200,3 +207,22 @@ def test_a_facet_twice_is_refused_whatever_its_corners_order() -> None:
     with pytest.raises(FacetNotOnBoundaryError, match="given twice") as caught:
         Problem(MESH, SOFT, (support_of(FLOOR),), (Traction(twice, (1.0, 0.0, 0.0)),))
     assert caught.value.rows == [len(ROOT)]
+
+
+def test_a_force_is_spread_over_the_facets_of_a_region_and_over_no_others():
+    body = brick_box((3, 2, 2), (0.06, 0.02, 0.02))
+    load = spread_force(body, (0.4, -0.2, 0.1), lambda x: x[:, 0] > 0.0599)
+    # 20 mm by 20 mm: 0.4 N over 4e-4 m2.
+    assert load.traction == pytest.approx((1000.0, -500.0, 250.0), rel=1e-12)
+    assert (body.points[load.facets][..., 0] == 0.06).all()
+    with pytest.raises(InputError, match="no boundary facet"):
+        spread_force(body, (1.0, 0.0, 0.0), lambda x: x[:, 0] > 1.0)
+    with pytest.raises(InputError, match="one truth value for each"):
+        spread_force(body, (1.0, 0.0, 0.0), lambda _x: np.array([True]))
+
+
+def test_gravity_is_the_weight_per_volume_of_a_density_above_zero():
+    assert gravity((0.0, 0.0, -9.81), 1000.0) == BodyForce((0.0, 0.0, -9810.0))
+    for density in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="density"):
+            gravity((0.0, 0.0, -9.81), density)

@@ -9,7 +9,6 @@ import numpy as np
 
 import palpate
 from palpate.fastsim.live_body import LiveBody
-from palpate.meshes.shapes import shape_box
 
 SIZE, RADIUS, DEPTH = (0.08, 0.04, 0.02), 0.008, 0.002  # m
 SPEED = 0.04  # m/s
@@ -17,7 +16,7 @@ SPEED = 0.04  # m/s
 
 def block_with_inclusion(center: tuple[float, float, float], radius: float) -> palpate.Problem:
     """A block on a table, a ball in it ten times as stiff, and a probe above one corner."""
-    mesh = palpate.mesh(shape_box(SIZE, edge_length=0.005))
+    mesh = palpate.mesh(palpate.box(SIZE, edge_length=0.005))
     middles = mesh.points[mesh.cells].mean(axis=1)
     hard = np.flatnonzero(np.linalg.norm(middles - center, axis=1) < radius).astype(np.int32)
     low = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)

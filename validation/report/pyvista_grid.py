@@ -5,19 +5,39 @@ The pages and figures of a report are drawn without pyvista.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.states import State
 
 if TYPE_CHECKING:
     from pyvista import UnstructuredGrid
 
 
-def to_pyvista(problem: Problem, state: State, *, step: int = -1) -> UnstructuredGrid:
+class _Stresses(Protocol):
+    @property
+    def von_mises(self) -> Floats: ...
+    @property
+    def cauchy(self) -> Floats: ...
+
+
+class Drawn(Protocol):
+    """What is drawn of a state: see `palpate.State`, which imports this file."""
+
+    @property
+    def displacements(self) -> NDArray[np.float64]:
+        """[m], (num_times, num_points, 3)."""
+
+    @property
+    def stresses(self) -> _Stresses | None:
+        """Of the last of them."""
+
+
+def to_pyvista(problem: Problem, state: Drawn, *, step: int = -1) -> UnstructuredGrid:
     """See `palpate.to_pyvista`."""
     try:
         import pyvista

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,21 @@ def test_a_state_of_another_mesh_is_refused() -> None:
     block, beam = (palpate.load_case(name).problem for name in ("block", "beam"))
     with pytest.raises(palpate.InputError, match="points"):
         palpate.to_pyvista(beam, palpate.solve(block))
+
+
+def test_a_state_is_shown_and_saved_in_one_line(tmp_path, monkeypatch) -> None:
+    import pyvista
+
+    problem = palpate.load_case("block").problem
+    state = palpate.solve(problem)
+    grid = pyvista.read(state.save(tmp_path / "x.vtu"))
+    assert grid.points == pytest.approx(problem.mesh.points + state.displacement, abs=1e-15)
+    assert list(tmp_path.iterdir()) == [tmp_path / "x.vtu"]
+    asked = {}
+    monkeypatch.setattr(pyvista.UnstructuredGrid, "plot", lambda _, **given: asked.update(given))
+    state.plot(off_screen=True)
+    assert asked == {"scalars": "displacement", "off_screen": True}
+    with pytest.raises(palpate.InputError, match=r"saved as \.vtu"):
+        state.save(tmp_path / "x.stl")
+    with pytest.raises(palpate.InputError, match="does not know its problem"):
+        dataclasses.replace(state, problem=None).plot()
