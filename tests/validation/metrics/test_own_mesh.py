@@ -204,6 +204,34 @@ def test_support_forces_are_summed_on_the_own_mesh() -> None:
         assert halved.value - halved.uncertainty > 0.1
 
 
+def test_on_the_cases_own_mesh_a_support_has_all_of_its_force() -> None:
+    """Out of balance by a doubled displacement, and yet nothing may belong elsewhere."""
+    u = solved((6, 3, 3))[1]
+    right, doubled = state_of(CASE, u), state_of(CASE, 2.0 * u)
+    error, doubt = own_reactions(CASE, CASE, 2.0 * u, doubled, right)
+    assert error > 10.0
+    assert doubt < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("sideways", "is_open"), [((0.0, 1.0, 0.0), False), ((1.0, 1.0, 0.0), True)]
+)
+def test_two_supports_share_a_force_where_they_meet_unless_they_are_square_to_each_other(
+    sideways: tuple[float, float, float], is_open: bool
+) -> None:
+    x, y, _ = CASE.mesh.points.T
+    walls = tuple(
+        Support(np.flatnonzero(at < 1e-9).astype(np.int32), normal=normal)
+        for at, normal in ((x, (1.0, 0.0, 0.0)), (y, sideways))
+    )
+    problem = dataclasses.replace(CASE, supports=walls, loads=CASE.loads[1:])
+    moved = 1e-2 * np.random.default_rng(1).normal(size=CASE.mesh.points.shape)
+    state = state_of(problem, moved)
+    doubt = own_reactions(problem, problem, moved, state, state)[1]
+    assert (doubt > 1.0) is is_open
+    assert is_open or doubt < 1e-9
+
+
 def test_a_load_beside_a_support_leaves_its_force_open() -> None:
     problem, u = solved((9, 5, 4))
     beside = np.flatnonzero(CASE.mesh.points[:, 0] == CASE.mesh.points[:, 0].min())[:1]

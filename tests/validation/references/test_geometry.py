@@ -156,6 +156,10 @@ def test_a_finer_surface_says_what_a_file_leaves_out(case_of, sphere_file, monke
 def test_a_distance_counts_out_and_in(case_of, sphere_file, monkeypatch):
     squeezed(monkeypatch)
     case = case_of(sphere_file, truth="[truth]\ngeometry_distance = 0.02\n")
+    within = true_body(case)
+    assert within is not None
+    # As far off as it may be: the difference is the bound, and not a part of one.
+    assert (within.factor, len(within.others)) == (1.0, 2)
     _, parts = geometry_of(case)
     # Outwards is the larger: 1.02^3 - 1, by vertex normals.
     assert parts["volume"] == pytest.approx(1.02**3 - 1.0, rel=0.1)
