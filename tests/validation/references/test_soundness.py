@@ -8,11 +8,13 @@ import math
 
 import numpy as np
 import pytest
+from judged import solved
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain
+from palpate.meshes.rigid_tool import ContactRule
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.metrics import make_state
 from palpate.validation.references.bars import PARTS
@@ -24,7 +26,11 @@ from palpate.validation.references.reference_set import (
     TRUTH,
 )
 from palpate.validation.references.runs import at_points_of
-from palpate.validation.references.soundness import _gap_of_slopes, find_contradictions
+from palpate.validation.references.soundness import (
+    _gap_of_slopes,
+    _wrong_balance,
+    find_contradictions,
+)
 from palpate.validation.references.stored import (
     UnsoundReferenceError,
     accepted_path,
@@ -129,6 +135,23 @@ def test_forces_on_tools_are_what_the_body_pushes_back_with():
     softer = changed(references, SAME_MESH, tool_forces=0.99 * forces)
     assert "the forces on the tools are" in contradictions(problem, softer)
     assert "no force" in contradictions(problem, changed(references, SAME_MESH, tool_forces=None))
+
+
+def test_the_force_at_vertices_is_found_wrong_where_fixed_points_may_be_touched_too():
+    """The tool may touch all of the boundary, the fixed bottom among it, which it never reaches."""
+    problem = load_case("press").problem
+    anywhere = np.zeros((0, 3), dtype=np.int32)
+    tools = [
+        dataclasses.replace(tool, contact=ContactRule.VERTICES, contact_facets=anywhere)
+        for tool in problem.tools
+    ]
+    problem = dataclasses.replace(problem, tools=tuple(tools))
+    state = solved(problem)
+    assert list(_wrong_balance(problem, state)) == []
+    (found,) = _wrong_balance(
+        problem, dataclasses.replace(state, tool_forces=0.9 * state.tool_forces)
+    )
+    assert "other than what the body pushes back with" in found
 
 
 @pytest.mark.parametrize("number", SCALARS)
@@ -356,9 +379,12 @@ def test_the_gap_of_a_slope_is_the_part_of_a_displacement_across_it():
     """A wall whose normal is (0, 3, 4) / 5: of (1, 2, 3) m, 18 / 5 m go through it."""
     mesh = brick_box((1, 1, 1), (1.0, 1.0, 1.0))
     wall = Support(np.arange(3, dtype=np.int32), normal=(0.0, 0.6, 0.8))
+    pushing = dataclasses.replace(wall, displacement=(0.0, 0.3, 0.4))
     problem = Problem(mesh, Material(1.0, 0.3), (wall,), ())
     moved = np.zeros_like(mesh.points)
     assert _gap_of_slopes(problem, None, moved) == 0.0
     moved[1] = [1.0, 2.0, 3.0]
+    pushed = Problem(mesh, Material(1.0, 0.3), (pushing,), ())
+    assert _gap_of_slopes(pushed, None, np.tile([9.0, 0.3, 0.4], (8, 1))) <= 1e-15
     # Its largest component is that along z: 0.8 times 18 / 5.
     assert _gap_of_slopes(problem, None, moved) == pytest.approx(0.8 * 18.0 / 5.0)
