@@ -210,5 +210,6 @@ def test_facets_are_left_out_towards_a_surface_torn_much_larger(
     facet = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     number = 64 * 9 if larger < 50.0 else 64 * 4
     facets = np.tile(np.arange(3), (number, 1))
-    pair = (facet + shift, facets, larger * facet + shift, facets)
+    away = shift * np.array([1.0, 0.0, 0.0])
+    pair = (facet + away, facets, larger * facet + away, facets)
     assert _stride(pair) == stride
