@@ -285,7 +285,7 @@ LINES = {
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
     "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
     "validation/studies": (
-        4500,
+        4560,
         "issue 33: what tests prove is no study; issue 36: fits to measurements",
     ),
 }

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Element, Problem
 from palpate.validation.case import load_case
 from palpate.validation.case.load import builtin_folder
 from palpate.validation.metrics.measured_tracks import (
@@ -38,6 +38,7 @@ from palpate.validation.metrics.measured_tracks import (
     mean_place,
     read_tracks,
 )
+from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import Progress, gravest
 from palpate.validation.studies.fit import Fit, Parameter, Validation, fit, predict_held_out
@@ -68,27 +69,37 @@ REST_LIMIT = 3e-4  # [m] in the last second, ten times the noise of a marker
 PIN_RADIUS = 6e-3  # [m], as high as the balls stand
 LIMIT = 0.05  # of the largest motion, as in the case `silicone`
 MODULUS = Parameter("material.youngs_modulus", 263824.0, 150e3, 400e3)
+# For elements that lock, and would fit far softer ones.
+SOFTER = replace(MODULUS, lower=20e3)
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A fit to one load and the prediction of the other."""
+    """A fit to one load and the prediction of the other.
+
+    `side` are the points of a side face at rest and as predicted [m], (2, n, 3).
+    """
 
     fitted: str
     predicted: str
     fit: Fit
     rows: list[Validation]
+    side: Points
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Both directions; and the third load [m] by a fit to both, with its standard uncertainty."""
+    """Both directions; and the third load [m] by a fit to both, with its standard uncertainty.
+
+    `by_element` are fits to the weight on the coarse mesh alone, without a last step.
+    """
 
     measured: Mapping[str, Repeated]
     directions: list[Direction]
     both: Fit
     third: Floats
     third_uncertainty: Floats
+    by_element: Mapping[Element, Fit]
 
 
 def places() -> dict[str, Points]:
@@ -122,7 +133,7 @@ def pose(load: str, edge: float) -> Problem:
         return load_case(path).problem
 
 
-def model(load: str, edge: float) -> MarkedBody:
+def model(load: str, edge: float, element: Element = Element.SMOOTHED) -> MarkedBody:
     """The bar whose modulus is fitted."""
     problem = pose(load, edge)
 
@@ -131,7 +142,7 @@ def model(load: str, edge: float) -> MarkedBody:
         return replace(problem, material=material)
 
     pins = {name: pin_on(problem.mesh, places()[name], radius=PIN_RADIUS) for name in TIPS}
-    return MarkedBody(make, pins, np.array([MODULUS.scale]))
+    return MarkedBody(make, pins, np.array([MODULUS.scale]), element=element)
 
 
 def compute(progress: Progress) -> Found:
@@ -158,14 +169,28 @@ def compute(progress: Progress) -> Found:
         rows = predict_held_out(
             found, experiments[predicted], limit=np.full(9, limit), numerical=numerical
         )
-        directions.append(Direction(fitted, predicted, found, rows))
+        problem, u = models[predicted][1].equilibrium(found.values)
+        rest = problem.mesh.points
+        is_side = rest[:, 1] < rest[:, 1].min() + 1e-9
+        side = np.stack([rest[is_side], (rest + u)[is_side]])
+        directions.append(Direction(fitted, predicted, found, rows, side))
     progress("fitting to both, predicting the third load")
     both = fit([MODULUS], list(experiments.values()))
     slope = models["third load"][0].derivatives(both.values)
     spread = np.abs(slope[:, 0]) * np.sqrt(both.covariance[0, 0])
     numerical = between_meshes("third load", both.values)
     third = models["third load"][1].predict(both.values)
-    return Found(measured, directions, both, third, np.hypot(spread, numerical))
+    progress("what each element would fit without a last step")
+    weight = measured["weight"]
+    moved = dict(zip(TIPS, weight.mean, strict=True))
+    by_element = {
+        element: fit(
+            [SOFTER],
+            [model("weight", EDGES[0], element).experiment("weight", moved, weight.uncertainty)],
+        )
+        for element in Element
+    }
+    return Found(measured, directions, both, third, np.hypot(spread, numerical), by_element)
 
 
 def judge(found: Found) -> list[Finding]:
@@ -187,7 +212,7 @@ def judge(found: Found) -> list[Finding]:
 
 def present(found: Found) -> Page:
     """Each value with the parts of its u_val, and what is predicted of the third load."""
-    labels = [f"{name} {axis}" for name in TIPS for axis in "xyz"]
+    labels = [f"{name.replace('_', ' ')} {axis}" for name in TIPS for axis in "xyz"]
     lengths = ("measured", "error", "numerical", "input", "data", "u_val", "limit")
     columns = {"fitted to": "", "predicted": "", "value": "",
                **{f"{name} [mm]": ".2f" for name in lengths}, "verdict": ""}  # fmt: skip
@@ -205,6 +230,7 @@ def present(found: Found) -> Page:
     ]
     modulus = f"{found.both.values[0]:.0f} +- {found.both.half_widths[0]:.0f} Pa"
     return Page(
+        figures={"side": _draw_side(found)},
         tables={
             "predictions": Table("What was predicted beside what was measured", columns, rows),
             "third": Table(
@@ -212,7 +238,45 @@ def present(found: Found) -> Page:
                 {"value": "", "predicted [mm]": ".2f", "two standard uncertainties [mm]": ".2f"},
                 third,
             ),
+            "elements": Table(
+                f"Young's modulus fitted to the weight by tetrahedra of {EDGES[0]:g} mm alone: "
+                "what an element locks becomes the material's",
+                {"element": "", "Young's modulus [kPa]": ".1f"},
+                [[element.value, 1e-3 * f.values[0]] for element, f in found.by_element.items()],
+            ),
         },
         remarks=[f"Fitted to both loads, Young's modulus is {modulus}."],
         numbers={"youngs_modulus_pa": float(found.both.values[0])},
+    )
+
+
+def _draw_side(found: Found) -> Figure:
+    """The bar from its side: computed surface, and markers where they were measured."""
+    at_rest = np.array([places()[name] for name in TIPS])
+    panels = []
+    for way in found.directions:
+        moved = found.measured[way.predicted].mean
+        predicted = moved + np.array([row.error for row in way.rows]).reshape(-1, 3)
+
+        def seen(points: Points, label: str, style: str, colour: str) -> Line:
+            return Line(1e3 * points[:, 0], 1e3 * points[:, 2], label, style, colour)
+
+        panels.append(
+            Panel(
+                [
+                    seen(way.side[0], "side face at rest", ".", "#bbbbbb"),
+                    seen(way.side[1], "predicted", ".", BLUE),
+                    seen(at_rest + predicted, "markers, predicted", "o", BLUE),
+                    seen(at_rest + moved, "markers, measured", "x", RED),
+                ],
+                x="along the bar [mm]",
+                y="height [mm]",
+                title=f"{way.predicted}, fitted to {way.fitted}",
+            )
+        )
+    return line_figure(
+        [panels],
+        "The bar from its side, clamped on the left. Markers stand on pins before the end face; "
+        "the measured ones are means of two runs.",
+        shares_legend=True,
     )
