@@ -230,7 +230,7 @@ def _load_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]
 
 
 def _material_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]]:
-    for name, lame in lame_hypotheses(body.lmbda, body.mu).items():
+    for name, lame in lame_hypotheses(body.lmbda, body.mu, body.problem.material.law).items():
         yield name, Cause.MATERIAL, MotionHypothesis(lame=lame)
     for factor in (1e3, 1e-3):
         name = f"stiffness {in_words(factor)}"

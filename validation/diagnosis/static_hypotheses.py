@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Traction
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.explanation import (
@@ -39,6 +40,7 @@ from palpate.validation.metrics.laws import (
     OTHER_STRAIN,
     hooke,
     laws_instead_of_law,
+    mistaken_constants,
     push_forward,
     strain_of,
 )
@@ -464,19 +466,18 @@ def lame_of(material: Material) -> tuple[float, float]:
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 
 
-def lame_hypotheses(lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
-    """Lamé's parameters, numbers or arrays by cell, as mistakes would have them, by name."""
+def lame_hypotheses(lmbda: Array, mu: Array, law: Law) -> dict[str, tuple[Array, Array]]:
+    """Lamé's parameters, numbers or arrays by cell, as mistakes would have them, by name.
+
+    Those of the constants of a stable neo-Hookean law under that law alone: at nu = 0.3 lmbda - mu
+    is a third of lmbda.
+    """
     E = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
     return {
+        **mistaken_constants(law, lmbda, mu),
         "Lamé's parameters exchanged": (mu, lmbda),
         "bulk modulus instead of Lamé's lmbda": (lmbda + 2.0 * mu / 3.0, mu),
         "Lamé's lmbda instead of the bulk modulus": (lmbda - 2.0 * mu / 3.0, mu),
-        # B. Smith, F. De Goes, T. Kim 2018, section 3.4: constants that give E and nu at rest.
-        "lmbda instead of lmbda + mu as the constant of a stable neo-Hookean law": (lmbda - mu, mu),
-        "Lamé's parameters as the constants of a stable neo-Hookean law with its logarithm": (
-            lmbda - 0.625 * mu,
-            0.75 * mu,
-        ),
         "mu instead of 2 mu": (lmbda, 0.5 * mu),
         "4 mu instead of 2 mu": (lmbda, 2.0 * mu),
         "Young's modulus instead of mu": (lmbda, E),
@@ -491,7 +492,7 @@ def _material_words(
 ) -> tuple[str, int]:
     E0, nu0 = asked.youngs_modulus, asked.poissons_ratio
     l0, m0 = (np.array(of) for of in lame_of(asked))
-    for name, (l1, m1) in lame_hypotheses(l0, m0).items():
+    for name, (l1, m1) in lame_hypotheses(l0, m0, asked.law).items():
         if abs(lmbda - l1) + abs(mu - m1) <= _SAME * (abs(l0) + 2.0 * m0):
             return name, 1
     if lmbda + mu == 0.0:

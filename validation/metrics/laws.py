@@ -338,3 +338,20 @@ def _without_c01(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:
 
 def _by_cell(values: Any) -> Any:
     return values[:, None, None]
+
+
+def mistaken_constants(law: Law, lmbda: Array, mu: Array) -> dict[str, tuple[Array, Array]]:
+    """Lamé's parameters [Pa] that a body has whose law was given them as its own constants.
+
+    By what is said of it; nothing where the law's constants are Lamé's parameters. B. Smith, F. De
+    Goes, T. Kim, "Stable Neo-Hookean Flesh Simulation", 2018, section 3.4, has the constants that
+    give E and nu at rest.
+    """
+    return {
+        Law.NEO_HOOKEAN_STABLE: {
+            "lmbda instead of lmbda + mu as the constant of the law": (lmbda - mu, mu)
+        },
+        Law.NEO_HOOKEAN_STABLE_LOG: {
+            "Lamé's parameters as the constants of the law": (lmbda - 0.625 * mu, 0.75 * mu)
+        },
+    }.get(law, {})

@@ -48,11 +48,6 @@ def test_lames_parameters_as_mistakes_have_them() -> None:
         "Lamé's parameters exchanged": (3.0, 2.0),
         "bulk modulus instead of Lamé's lmbda": (4.0, 3.0),
         "Lamé's lmbda instead of the bulk modulus": (0.0, 3.0),
-        "lmbda instead of lmbda + mu as the constant of a stable neo-Hookean law": (-1.0, 3.0),
-        "Lamé's parameters as the constants of a stable neo-Hookean law with its logarithm": (
-            0.125,  # 2 - 5/8 3
-            2.25,
-        ),
         "mu instead of 2 mu": (2.0, 1.5),
         "4 mu instead of 2 mu": (2.0, 6.0),
         "Young's modulus instead of mu": (2.0, 7.2),
@@ -60,16 +55,30 @@ def test_lames_parameters_as_mistakes_have_them() -> None:
         "lmbda left out": (0.0, 3.0),
         "Young's modulus and the shear modulus taken for lmbda and mu": (7.2, 3.0),
     }
-    found = lame_hypotheses(2.0, 3.0)
+    found = lame_hypotheses(2.0, 3.0, Law.NEO_HOOKEAN)
     assert set(expected) <= set(found)
     for name, pair in expected.items():
         assert tuple(map(float, found[name])) == pytest.approx(pair), name
 
 
+@pytest.mark.parametrize(
+    ("law", "pair"),
+    [(Law.NEO_HOOKEAN_STABLE, (-1.0, 3.0)), (Law.NEO_HOOKEAN_STABLE_LOG, (0.125, 2.25))],
+)
+def test_constants_of_a_stable_law_are_a_mistake_under_it_alone(
+    law: Law, pair: tuple[float, float]
+) -> None:
+    """Of lmbda = 2 and mu = 3: 2 - 3; 2 - 5/8 3 and 3/4 3."""
+    more = set(lame_hypotheses(2.0, 3.0, law)) - set(lame_hypotheses(2.0, 3.0, Law.NEO_HOOKEAN))
+    (name,) = more
+    assert tuple(map(float, lame_hypotheses(2.0, 3.0, law)[name])) == pytest.approx(pair)
+
+
+@pytest.mark.parametrize("law", list(Law))
 @pytest.mark.parametrize("nu", [0.1, 0.3, 0.4, 0.45])
-def test_mistakes_of_lames_parameters_are_three_digits_apart(nu: float) -> None:
+def test_mistakes_of_lames_parameters_are_three_digits_apart(nu: float, law: Law) -> None:
     lmbda, mu = nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
-    found = {name: np.array(pair) for name, pair in lame_hypotheses(lmbda, mu).items()}
+    found = {name: np.array(pair) for name, pair in lame_hypotheses(lmbda, mu, law).items()}
     asked = np.array([lmbda, mu])
     for (a, first), (b, second) in itertools.combinations({"asked": asked, **found}.items(), 2):
         assert np.abs(first - second).max() > 1e-3 * asked.max(), (a, b)
