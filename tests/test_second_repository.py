@@ -92,8 +92,11 @@ def test_the_wheel_holds_what_is_needed_and_the_notices_of_what_is_linked_in(whe
     suffixes = {Path(name).suffix for name in names if ".dist-info/" not in name}
     assert suffixes == {
         ".py", ".pyi", ".typed", ".so", ".toml", ".npz", ".vtu",
-        ".j2", ".css", ".js", ".md", ".yml", ".xz",
+        ".j2", ".css", ".js", ".md", ".yml", ".xz", ".csv", "",
     }  # fmt: skip
+    # Measured data have their licence beside them.
+    without = [name for name in names if ".dist-info/" not in name and not Path(name).suffix]
+    assert without == ["palpate/validation/cases/silicone_beam/LICENSE"]
     assert [".dist-info/licenses/" in name for name in notices] == [True]
     assert "nanobind" in reported
     assert "robin-map" in reported
