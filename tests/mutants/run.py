@@ -143,8 +143,9 @@ def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[st
     """
     by_line = lines.get(mutant.path, {})
     found = by_line.get(mutant.line, set()) - {""}
-    # Outside of functions it is the test that happens to import the file first.
-    if not found or f"{mutant.path}: None: " in mutant.location:
+    # Outside of functions, in a class too, it is the test that happens to import the file first.
+    inside = mutant.location.removeprefix(f"{mutant.path}: ").split(": ")[0].lstrip("_")
+    if not found or inside == "None" or inside[:1].isupper():
         found = set().union(*by_line.values()) - {""}
     quick = [name for name in found if seconds.get(name, 0.0) <= LONGEST]
     quick.sort(key=lambda name: seconds.get(name, 0.0))
