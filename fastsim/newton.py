@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
@@ -197,6 +198,11 @@ class Newton:
             return None if found is None else self._supports.to_global(found)
 
         return solve
+
+    @property
+    def free_components(self) -> NDArray[np.bool_]:
+        """Which of the points' own components no support fixes, shape (num_points, 3)."""
+        return self._is_free != 0
 
     def residual_at(self, displacement: Points) -> Points:
         """Force out of balance at full load [N], shape (num_points, 3), reactions included."""

@@ -93,10 +93,10 @@ def sweep(
     """Solve a case with other values: a table, figures, and a page; says where equilibrium ends."""
     from palpate.reference.availability import require_available
     from palpate.validation.case import load_case
+    from palpate.validation.case.variants import read_axis
     from palpate.validation.output_files import input_files
     from palpate.validation.run_folder import require_run_folder, run_folder
     from palpate.validation.studies.sweep import sweep as run_sweep
-    from palpate.validation.studies.sweep_runs import read_axis
 
     if scheduler is not None and jobs > 1:
         raise InputError("--jobs is for this machine: give it or --scheduler, not both")

@@ -17,6 +17,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.transforms import scale_loads
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
+from palpate.validation.case.variants import Axis
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.plots import Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table
@@ -24,7 +25,7 @@ from palpate.validation.solving import Simulator
 from palpate.validation.states import CandidateFailedError, Progress
 from palpate.validation.studies.kidney import findings_of, judge_live, page_of
 from palpate.validation.studies.sweep import lines_of
-from palpate.validation.studies.sweep_runs import Axis, Run, solve_row
+from palpate.validation.studies.sweep_runs import Run, solve_row
 
 TITLE = "The beam"
 

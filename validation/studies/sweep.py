@@ -13,18 +13,12 @@ from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
+from palpate.validation.case.variants import Axis, variants
 from palpate.validation.report.plots import COLOURS, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Progress, Verdict
-from palpate.validation.studies.sweep_runs import (
-    Axis,
-    Run,
-    difference,
-    linear_error,
-    run_all,
-    variants,
-)
+from palpate.validation.studies.sweep_runs import Run, difference, linear_error, run_all
 
 # Figures of a sweep: what the answer does along the first axis.
 

@@ -31,6 +31,7 @@ from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.equations import differences
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
+from palpate.validation.case.variants import VaryError, read_values
 from palpate.validation.metrics import measure
 from palpate.validation.metrics.motion import NumericalDamping, measure_numerical_damping
 from palpate.validation.quoting import in_quotes
@@ -38,7 +39,6 @@ from palpate.validation.references.runs import solve_by_steps, solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import CandidateFailedError, Precision, Progress, State, Verdict
-from palpate.validation.studies.sweep_runs import VaryError, read_values
 
 ITERATIONS, TIME_STEP = "iterations", "time_step"
 CLAIM = "more iterations and shorter steps bring it to the law it states"

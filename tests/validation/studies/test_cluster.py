@@ -14,15 +14,14 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
+from palpate.validation.case.variants import read_axis, variants
 from palpate.validation.solving import Simulator
 from palpate.validation.studies.sweep_runs import (
     Run,
     SchedulerError,
     _require_workers,
-    read_axis,
     run_all,
     solve_row,
-    variants,
 )
 
 CASE = load_case("block")

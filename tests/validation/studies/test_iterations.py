@@ -16,6 +16,7 @@ import palpate.validation
 from palpate.meshes.errors import InputError
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.case import load_case
+from palpate.validation.case.variants import VaryError
 from palpate.validation.cli import app
 from palpate.validation.references.runs import solve_by_steps
 from palpate.validation.states import Verdict
@@ -27,7 +28,6 @@ from palpate.validation.studies.sweep_iterations import (
     remarks_on,
     table,
 )
-from palpate.validation.studies.sweep_runs import VaryError
 
 PROGRAM = Path(palpate.validation.__file__).parent / "peers/adapters/vertex_block_descent.py"
 COMMAND = f"{sys.executable} {PROGRAM} {{case}} {{result}} {{iterations}}"

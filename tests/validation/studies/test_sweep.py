@@ -17,19 +17,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import load_case
+from palpate.validation.case.variants import VaryError, read_axis, variants
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.peers import adapters
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.states import Verdict
 from palpate.validation.studies.sweep import ends_of, finding_on_sames, ignored_by, sames_of
-from palpate.validation.studies.sweep_runs import (
-    Run,
-    VaryError,
-    linear_error,
-    read_axis,
-    run_all,
-    variants,
-)
+from palpate.validation.studies.sweep_runs import Run, linear_error, run_all
 
 
 def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
