@@ -202,7 +202,13 @@ class Newton:
     @property
     def free_components(self) -> NDArray[np.bool_]:
         """Which of the points' own components no support fixes, shape (num_points, 3)."""
-        return self._is_free != 0
+        return np.asarray(self._is_free != 0)
+
+    def stiffness_times(self, displacement: Points, vector: Points) -> Points:
+        """The tangent at full load times a vector [m]: [N], shape (num_points, 3)."""
+        self._assemble_tangent(displacement, 1.0)
+        self._is_stale = True
+        return self._supports.to_global(self.body.core.multiply(self._supports.to_local(vector)))
 
     def residual_at(self, displacement: Points) -> Points:
         """Force out of balance at full load [N], shape (num_points, 3), reactions included."""

@@ -44,18 +44,24 @@ class Swings:
     Attributes:
         frequencies: [Hz], shape (count,), rising.
         modes: Shape (count, num_points, 3), with x^T M x = 1 kg m2.
+        mass: Lumped at each point [kg], shape (num_points,).
     """
 
     frequencies: Floats
     modes: Floats
+    mass: Floats
 
-    def strongest(self, motion: Points) -> int:
-        """Number of the mode that a displacement of all points has most of, by mass.
+    def swings_from(self, displacement: Points) -> Floats:
+        """The part of each mode in the swing of a body that is let go.
 
         Args:
-            motion: M times the displacement [kg m], shape (num_points, 3).
+            displacement: From equilibrium to where it is let go [m], shape (num_points, 3).
+
+        Returns:
+            The modes times their amplitude x^T M u [m], shape (count, num_points, 3).
         """
-        return int(np.argmax(np.abs(np.tensordot(self.modes, motion, 2))))
+        amplitudes = np.tensordot(self.modes, self.mass[:, None] * displacement, 2)
+        return np.asarray(amplitudes[:, None, None] * self.modes)
 
 
 def find_swings(
@@ -84,12 +90,7 @@ def find_swings(
         SoftTangentError: The state is no stable equilibrium.
         UnsettledSwingError: Iteration did not settle.
     """
-    if not has_exact_tangent(problem, strain):
-        raise InputError(
-            "small swings are of statics without tools and without pressure that follows the body"
-        )
-    newton = Newton(problem, strain, _TOLERANCE, 1, element=element)
-    u = newton.body.checked(displacement)
+    newton, u = _at(problem, displacement, strain, element)
     mass = newton.body.lumped_mass[:, None]
     num_free = int(np.count_nonzero(newton.free_components))
     if not 1 <= count <= num_free:
@@ -111,8 +112,44 @@ def find_swings(
         change = float(np.max(np.abs(eigenvalues[:count] / values - 1.0)))
         values = eigenvalues[:count]
         if change < _SETTLED:
-            return Swings(np.sqrt(values) / (2.0 * np.pi), vectors[:count])
+            return Swings(np.sqrt(values) / (2.0 * np.pi), vectors[:count], mass[:, 0])
     raise UnsettledSwingError(change)
+
+
+def rayleigh_quotient(
+    problem: Problem,
+    displacement: Points,
+    mode: Points,
+    *,
+    strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
+) -> float:
+    """x^T K x / x^T M x of the tangent at a displacement: w^2 [rad2/s2] where x is a mode there.
+
+    Args:
+        problem: As in `find_swings`.
+        displacement: Where the tangent is taken [m], shape (num_points, 3).
+        mode: x, shape (num_points, 3), 0 where supports fix.
+        strain: Strain measure.
+        element: Its tetrahedra.
+
+    Returns:
+        The quotient: that of a mode moves with a number of the problem as its eigenvalue does.
+    """
+    newton, u = _at(problem, displacement, strain, element)
+    mass = newton.body.lumped_mass[:, None]
+    return float(np.sum(mode * newton.stiffness_times(u, mode)) / np.sum(mass * mode * mode))
+
+
+def _at(
+    problem: Problem, displacement: Points, strain: Strain, element: Element
+) -> tuple[Newton, Points]:
+    if not has_exact_tangent(problem, strain):
+        raise InputError(
+            "small swings are of statics without tools and without pressure that follows the body"
+        )
+    newton = Newton(problem, strain, _TOLERANCE, 1, element=element)
+    return newton, newton.body.checked(displacement)
 
 
 def _small_problem(stiffness: Floats, inertia: Floats) -> tuple[Floats, Floats]:

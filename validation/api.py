@@ -8,7 +8,7 @@ needs it is called.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from palpate.validation.candidates.equations import AskedSteps
     from palpate.validation.case import Case
     from palpate.validation.judging.results import CaseResult
+    from palpate.validation.studies.fit_case import CaseFit
 
 __all__ = [
     "AnchorPath",
@@ -122,6 +123,7 @@ __all__ = [
     "compare",
     "cylinder",
     "export",
+    "fit",
     "gravity",
     "judge",
     "load_case",
@@ -531,6 +533,67 @@ def export(
     used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
     write_case_folder(target, loaded.problem, used, name=loaded.name, title=loaded.title)
     return target
+
+
+def fit(
+    case: AnyCase,
+    parameters: Sequence[str],
+    *,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    data: Sequence[str] | None = None,
+    hold_out: Sequence[str] = (),
+    element: ElementName = Element.SMOOTHED,
+    last_step: Literal["reference", "mesh", "none"] | None = None,
+    confidence: float = 0.95,
+    by_run: bool = False,
+    progress: Progress = in_silence,
+) -> CaseFit:
+    """Fit numbers of a case to its measurements, and predict those that are held out.
+
+    Args:
+        case: A case with [[measurement]], its name or file.
+        parameters: Keys of the numbers, such as "material.youngs_modulus".
+        bounds: Least and largest value that is thought possible, by key, in the case's units; a
+            quarter to four times the case's value where nothing is said.
+        data: Names of the measurements to fit to; None takes all that the case has for that and
+            that are not held out.
+        hold_out: Names of those that are predicted and judged.
+        element: Tetrahedra of the search.
+        last_step: Model of the last step: the reference, a finer mesh, or none; None takes the
+            reference where FEniCSx is there, else a finer mesh.
+        confidence: Of the intervals, between 0 and 1.
+        by_run: Fit each run alone, too.
+        progress: Called with one line now and then.
+
+    Returns:
+        `values` by key in the case's units; `fit` with intervals, correlations, residuals and what
+        the data cannot tell; `held_out` with verdicts after ASME V&V 20.
+
+    Raises:
+        InputError: A key, a measurement, a file or bounds that cannot be used.
+        FitError: No optimum, or too few values.
+
+    >>> import palpate
+    >>> bar = palpate.fit("silicone-bar", ["material.youngs_modulus"], last_step="none")
+    >>> 250e3 < bar.values["material.youngs_modulus"] < 280e3
+    True
+    >>> bar.fit.undetermined
+    ()
+    """
+    from palpate.validation.studies.fit_case import LastStep, fit_case, parameters_of
+
+    loaded = _case(case)
+    return fit_case(
+        loaded,
+        parameters_of(loaded, parameters, bounds),
+        data=data,
+        hold_out=hold_out,
+        element=known_word(Element, element, "element"),
+        last_step=None if last_step is None else known_word(LastStep, last_step, "last_step"),
+        confidence=confidence,
+        by_run=by_run,
+        progress=progress,
+    )
 
 
 def _case(case: AnyCase) -> Case:

@@ -19,6 +19,7 @@ from palpate.validation.commands.endings import (
     quiet_archives,
     stoppable,
 )
+from palpate.validation.commands.fit import fit
 from palpate.validation.commands.history import history
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
@@ -75,6 +76,7 @@ app.command()(solve.audit)
 app.command()(law)
 app.command()(solve.solve)
 app.command()(studies.sweep)
+app.command()(fit)
 app.command()(studies.touch)
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
 app.command(help=f"{judging.gate.__doc__}\n\n{_faults}")(judging.gate)

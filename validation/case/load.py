@@ -311,6 +311,7 @@ class Case:
             self.spec.truth.surface,
             *(tool.surface for tool in self.spec.tool),
             *(inclusion.surface for inclusion in self.spec.inclusion),
+            *(file for measurement in self.spec.measurement for file in measurement.files),
         )
         return (self.path, *(self.folder / name for name in names if name is not None))
 

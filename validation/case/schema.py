@@ -34,12 +34,21 @@ from palpate.validation.case.loading_schema import (
     ToolSpec,
     as_list,
 )
+from palpate.validation.case.measurement_schema import (
+    MarkerSpec,
+    MeasurementSpec,
+    UncertaintySpec,
+    require_known_markers,
+)
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, STRESSES, Metric
 from palpate.validation.states import Precision
 
 # What is judged and said, not what is solved.
-_NOT_INPUTS = ("schema_version", "title", "description", "check", "evidence", "published")
+_NOT_INPUTS = (
+    "schema_version", "title", "description", "check", "evidence", "published", "marker",
+    "measurement", "uncertainty",
+)  # fmt: skip
 
 
 def input_names(spec: BaseModel) -> list[str]:
@@ -268,6 +277,12 @@ class CaseSpec(Table):
     """Velocity at the start of a motion, except where supports fix. Free bodies need no support."""
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
+    marker: tuple[MarkerSpec, ...] = ()
+    """Markers that were followed on the real body."""
+    measurement: tuple[MeasurementSpec, ...] = ()
+    """What was measured of the real body: for a fit, and, with a limit, judged."""
+    uncertainty: tuple[UncertaintySpec, ...] = ()
+    """How well inputs are known: counts in the verdict on a measurement."""
     truth: TruthSpec = TruthSpec()
     """What the stored truth is to be, and of which body."""
     evidence: EvidenceSpec = EvidenceSpec()
@@ -278,6 +293,18 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:
         require_inputs(self, self.evidence.fitted, "evidence.fitted")
+        return self
+
+    @model_validator(mode="after")
+    def _measurements_make_sense(self) -> CaseSpec:
+        require_known_markers(self.marker, self.measurement)
+        for measurement in self.measurement:
+            if self.time is not None:
+                raise ValueError("a [[measurement]] is of a case without [time]")
+            if measurement.tool is not None and measurement.tool > len(self.tool):
+                raise ValueError(
+                    f"measurement {measurement.name!r}: there is no tool {measurement.tool}"
+                )
         return self
 
     @model_validator(mode="after")

@@ -19,7 +19,7 @@ from palpate.validation.case.schema import CaseSpec, input_names
 
 MOST_RUNS = 10_000
 # What `load[0].factor` multiplies.
-_SIZES = ("force", "traction", "moment", "pressure", "acceleration")
+LOAD_SIZES = ("force", "traction", "moment", "pressure", "acceleration")
 _FACTOR = re.compile(r"load\[(\d+)\]\.factor")
 _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
@@ -116,12 +116,13 @@ def variants(case: Case, axes: Sequence[Axis]) -> list[Variant]:
     return made
 
 
-def with_values(case: Case, values: Mapping[str, float]) -> Case:
+def with_values(case: Case, values: Mapping[str, float], *, like: Case | None = None) -> Case:
     """The case with other numbers, its problem built.
 
     Args:
         case: The case.
         values: Numbers by key, such as `mass[0].mass`, in the case's units.
+        like: A case whose mesh is used where values shape the mesh; it has the same of these.
 
     Raises:
         InputError: An unknown key, or a value that the case cannot take.
@@ -129,21 +130,47 @@ def with_values(case: Case, values: Mapping[str, float]) -> Case:
     require_keys(case, values)
     data = parse_toml(case.text)
     for key, value in values.items():
-        _put(data, key, value)
+        put_value(data, key, value)
     try:
         spec = CaseSpec.model_validate(data)
     except ValidationError as error:
         raise CaseError(explain(case.path, case.text, data, error)) from error
     changed = replace(case, spec=spec)
-    if not any(key.startswith(("geometry.", "mesh.")) for key in values):
-        changed.__dict__["mesh"] = case.mesh
+    if like is not None or not any(key.startswith(("geometry.", "mesh.")) for key in values):
+        changed.__dict__["mesh"] = (like or case).mesh
     _ = changed.problem
     return changed
 
 
+def read_settings(words: Sequence[str]) -> dict[str, float]:
+    """The numbers of `KEY=VALUE`, one each.
+
+    Raises:
+        InputError: Not of this form, or a key twice.
+    """
+    found: dict[str, float] = {}
+    for text in words:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not equals or not math.isfinite(number):
+            raise InputError(f"--set {text!r}: write KEY=VALUE, a finite number")
+        if key in found:
+            raise InputError(f"--set {key} is given twice")
+        found[key] = number
+    return found
+
+
+def is_factor(key: str) -> bool:
+    """Whether a key multiplies a load, as `load[0].factor` does."""
+    return _FACTOR.fullmatch(key) is not None
+
+
 def value_of(case: Case, key: str) -> float:
     """The number that a case gives for a key of `known_keys`, in its units; 1 for a factor."""
-    if _FACTOR.fullmatch(key):
+    if is_factor(key):
         return 1.0
     return float(_look(case.spec.model_dump(exclude_unset=True), key))
 
@@ -186,12 +213,12 @@ def _look(tables: Any, key: str) -> Any:
     return tables
 
 
-def _put(data: dict[str, Any], key: str, value: float) -> None:
+def put_value(data: dict[str, Any], key: str, value: float) -> None:
     """Set a number of a case file, which may write [tool] for one [[tool]]."""
     if found := _FACTOR.fullmatch(key):
         load = data["load"][int(found[1])]
         for table in load.get("values", [load]):
-            (size,) = (name for name in _SIZES if name in table)
+            (size,) = (name for name in LOAD_SIZES if name in table)
             whole = table[size]
             table[size] = [value * x for x in whole] if isinstance(whole, list) else value * whole
         return

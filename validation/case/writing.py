@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -167,7 +168,7 @@ def _lines(key: str, value: Any, field: FieldInfo | None, is_given: bool) -> Ite
 def toml_value(value: Any) -> str:
     """A value as TOML, on one line."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(k)} = {toml_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_value(v) for v in value) + "]"
     if isinstance(value, bool):
@@ -177,6 +178,11 @@ def toml_value(value: Any) -> str:
     return repr(value)
 
 
+def _key(name: str) -> str:
+    """A key of a table, quoted where it is no plain word: `"mass[0].mass"`."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
 def case_text(values: Mapping[str, Any]) -> str:
     """A case file without remarks: tables one below another, each key on a line."""
     lines = [f"{k} = {toml_value(v)}" for k, v in values.items() if not isinstance(v, dict | list)]
@@ -184,7 +190,7 @@ def case_text(values: Mapping[str, Any]) -> str:
         tables = value if isinstance(value, list) else [value] if isinstance(value, dict) else []
         header = f"[[{key}]]" if isinstance(value, list) else f"[{key}]"
         for table in tables:
-            lines += ["", header, *(f"{k} = {toml_value(v)}" for k, v in table.items())]
+            lines += ["", header, *(f"{_key(k)} = {toml_value(v)}" for k, v in table.items())]
     return "\n".join([*lines, ""])
 
 

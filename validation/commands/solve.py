@@ -27,11 +27,12 @@ from palpate.validation.commands.options import (
 from palpate.validation.output_files import input_files, require_outputs
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import ExitCode, Method
+from palpate.validation.states import ExitCode, Method, State
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
     from palpate.validation.candidates.candidate import Candidate
+    from palpate.validation.case import Case
 
 _INVERTED = "a cell is inverted"
 # Quantities that have to be numbers, and their names.
@@ -72,15 +73,25 @@ def solve(
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,
     device: Device = "cpu",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="another number of the case; repeatable"),
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
+    """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells.
+
+    Of a case with markers their motion is printed, with two standard uncertainties by its inputs.
+    """
     from palpate.validation.case import load_case
+    from palpate.validation.case.variants import read_settings, with_values
     from palpate.validation.exchange.result_files import require_written_kind, write_solution
 
     require_written_kind(output)
     loaded = load_case(case)
     require_outputs({"--output": output}, inputs=input_files([loaded]), force=force)
+    if set_:
+        loaded = with_values(loaded, read_settings(set_))
     problem, used = loaded.problem, strain or loaded.strain
     state = solve_problem(
         problem,
@@ -93,7 +104,21 @@ def solve(
         device=device,
         progress=progress_lines(),
     )
+    if loaded.spec.marker:
+        _print_markers(loaded, state)
     print(write_solution(output, problem, state))
+
+
+def _print_markers(case: Case, state: State) -> None:
+    from palpate.validation.judging.measured import predict_markers
+
+    size, unit = case.spec.units.of("length")
+    for name, motion, uncertainty in predict_markers(case, state.displacement):
+        parts = (
+            f"{axis} {m / size:.4g} +- {2.0 * u / size:.2g}"
+            for axis, m, u in zip("xyz", motion, uncertainty, strict=True)
+        )
+        print(f"{name} moves by [{unit}] {', '.join(parts)}")
 
 
 def audit(

@@ -184,6 +184,10 @@ def _judge_one(
     measured = {check.strain for check in checks if check.verdict is Verdict.FAILED}
     for state in sent:
         checks += check_statements(case, state, element, judged.asked, judge.checks)
+    if case.spec.measurement:
+        from palpate.validation.judging.measured import judge_measurements
+
+        checks += judge_measurements(case, judged, candidates, failures, references, progress)
     unseen = judge.unseen()
     if unseen:
         notes.append(

@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 # Relative: sums in another order.
 _SUMS = 1e-9
 _AGAINST = {"same_mesh": "same mesh", "candidate": "own"}
+# What a check is against that goes by a measurement of the real body.
+MEASUREMENT = "measurement"
 
 
 class Scope(StrEnum):
     """How far a result reaches; the furthest of its checks.
 
-    TRUTH: compared with the converged reference, or a published number.
+    TRUTH: compared with the converged reference, a published number, or a measurement.
     SAME_MESH: against the reference on the same mesh only: it may be as far from the continuum as
         its mesh is coarse.
     OWN: against no reference: by itself, or by another simulator.
@@ -52,8 +54,8 @@ class CheckResult:
     Attributes:
         metric: Name of the metric.
         against: "same_mesh" (P1 on the same mesh), "truth" (P2), "candidate" (on its own),
-            "relation" (of two of its own results), "versus" (another candidate) or "self-test"
-            (of the gate).
+            "measurement" (of the real body), "relation" (of two of its own results), "versus"
+            (another candidate) or "self-test" (of the gate).
         strain: Which of the candidate's solutions was judged.
         verdict: The outcome.
         reason: Why this limit, from the case.
@@ -91,6 +93,8 @@ class CheckResult:
     @property
     def scope(self) -> Scope:
         """How far it reaches; one of the truth's own number says nothing of the candidate."""
+        if self.against == MEASUREMENT:
+            return Scope.TRUTH
         metric = CATALOGUE.get(self.metric)
         if metric is not None and metric.is_published:
             return Scope.TRUTH if self.against == "candidate" else Scope.OWN

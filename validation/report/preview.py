@@ -77,10 +77,27 @@ def describe_case(case: Case) -> Description:
     _what_acts(about, case, problem)
     _costs(about, problem, units)
     _misses(about, case, problem)
+    _measurements(about, case)
     if not case.checks:
         about.warnings.append("no [[check]]: nothing can be judged")
     about.say("checks", f"{len(case.checks)}, {case.strain} strain")
     return about
+
+
+def _measurements(about: Description, case: Case) -> None:
+    """What was measured, read as a fit or a verdict would."""
+    if not case.spec.measurement:
+        return
+    from palpate.validation.case.measurements import read_measurements
+
+    for name, measured in read_measurements(case).items():
+        size, unit = measured.unit
+        largest = float(np.abs(measured.values).max()) / size
+        about.say(
+            "measured",
+            f"{name}: {len(measured.values)} value(s), {len(measured.runs)} run(s), at most "
+            f"{largest:.4g} {unit}, standard uncertainty {measured.uncertainty[0] / size:.2g}",
+        )
 
 
 def _body(about: Description, case: Case, problem: Problem, units: Units) -> None:

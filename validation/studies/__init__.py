@@ -29,7 +29,6 @@ STUDIES = {
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",
     "meshing": "Fig. 1: traditional beside improved Delaunay meshing, cut open",
     "sensitivity": "what the inputs are worth beside the mesh: u_val of V&V 20",
-    "silicone-bar": "a measured bar: its modulus fitted, a load predicted",
     "validity": "where linear strain may stand in for Green strain",
 }
 # Those that stand elsewhere: with the other simulators, of which studies import nothing.

@@ -25,11 +25,9 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
-from palpate.validation.states import Verdict
+from palpate.validation.judging.measured import Validation
 
 Prediction: TypeAlias = Callable[[Floats], Floats]
-# V&V 20-2009: an interval of two standard uncertainties.
-_COVERAGE = 2.0
 # A Gauss-Newton step between two discretisations is small, or the coarse one tells nothing.
 _LARGEST_STEP = 0.5
 
@@ -277,34 +275,6 @@ def _finer(experiments: Sequence[Experiment], z: Floats, slope: Floats, scale: F
         )
     moved = np.clip(z + step, *bounds)
     return moved, np.asarray(left + slope @ (moved - z))
-
-
-class Validation(NamedTuple):
-    """One value that was predicted, beside what was measured, all in one unit.
-
-    `error` is E, predicted less measured; `numerical`, `input` and `data` are the standard
-    uncertainties of which `u_val` is the root of the sum of squares.
-    """
-
-    error: float
-    numerical: float
-    input: float
-    data: float
-    limit: float
-
-    @property
-    def u_val(self) -> float:
-        """Standard uncertainty of E."""
-        return math.sqrt(self.numerical**2 + self.input**2 + self.data**2)
-
-    @property
-    def verdict(self) -> Verdict:
-        """By |E| +- 2 u_val against the limit."""
-        if abs(self.error) + _COVERAGE * self.u_val <= self.limit:
-            return Verdict.PASSED
-        if abs(self.error) - _COVERAGE * self.u_val > self.limit:
-            return Verdict.FAILED
-        return Verdict.INCONCLUSIVE
 
 
 def predict_held_out(found: Fit, experiment: Experiment, *, limit: Floats, numerical: Floats,
