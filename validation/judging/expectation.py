@@ -17,7 +17,13 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 from palpate.meshes.untrusted import UntrustedTextError, parse_toml, read_text
-from palpate.validation.judging.results import CaseResult, CheckResult, Judged, error_name
+from palpate.validation.judging.results import (
+    MEASUREMENT,
+    CaseResult,
+    CheckResult,
+    Judged,
+    error_name,
+)
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import Verdict
 
@@ -156,6 +162,8 @@ def named_checks(result: CaseResult, judged: Judged) -> Iterator[tuple[str, Chec
 
 
 def _is_compared(check: CheckResult) -> bool:
+    if check.against == MEASUREMENT:
+        return True
     metric = CATALOGUE[check.metric]
     return metric.is_compared or metric.is_published
 

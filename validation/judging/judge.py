@@ -40,6 +40,7 @@ from palpate.validation.judging.results import (
     CaseResult,
     CheckResult,
     Judged,
+    MeasuredValues,
     Scope,
     error_name,
     merge_candidates,
@@ -184,10 +185,15 @@ def _judge_one(
     measured = {check.strain for check in checks if check.verdict is Verdict.FAILED}
     for state in sent:
         checks += check_statements(case, state, element, judged.asked, judge.checks)
+    beside: list[MeasuredValues] = []
     if case.spec.measurement:
         from palpate.validation.judging.measured import judge_measurements
 
-        checks += judge_measurements(case, judged, candidates, failures, references, progress)
+        for check, values in judge_measurements(
+            case, judged, candidates, failures, references, progress
+        ):
+            checks.append(check)
+            beside += [values] if values else []
     unseen = judge.unseen()
     if unseen:
         notes.append(
@@ -222,6 +228,7 @@ def _judge_one(
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
         unseen=unseen,
         diagnoses=tuple(found),
+        measured=tuple(beside),
     )
 
 

@@ -32,7 +32,7 @@ from palpate.validation.judging.measured_model import (
     of_equilibrium,
     solve_measured,
 )
-from palpate.validation.judging.results import MEASUREMENT, CheckResult
+from palpate.validation.judging.results import MEASUREMENT, CheckResult, MeasuredValues
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import (
     CandidateFailedError,
@@ -88,7 +88,7 @@ def judge_measurements(
     failures: Mapping[Strain, str],
     references: ReferenceSet,
     progress: Progress,
-) -> list[CheckResult]:
+) -> list[tuple[CheckResult, MeasuredValues | None]]:
     """Judge a candidate by every measurement of a case that has a limit.
 
     Args:
@@ -100,7 +100,8 @@ def judge_measurements(
         progress: Called with one line for each experiment that is solved.
 
     Returns:
-        One for each such measurement, of the worst of its values.
+        For each such measurement the check of its worst value, and all of them; None where none
+        was computed.
 
     Raises:
         InputError: A measurement that cannot be read.
@@ -108,15 +109,17 @@ def judge_measurements(
     asked = [spec for spec in case.spec.measurement if spec.limit is not None]
     if not asked or case.strain not in candidate.strains_of(case.strain):
         return []
-    found = []
+    found: list[tuple[CheckResult, MeasuredValues | None]] = []
     for spec in asked:
         measured = read_measurement(case, spec)
         if case.strain in failures and not spec.set:
-            found.append(_unjudged(spec, case, candidate, Verdict.FAILED, failures[case.strain]))
+            found.append(
+                (_unjudged(spec, case, candidate, Verdict.FAILED, failures[case.strain]), None)
+            )
             continue
         if spec.set and not candidate.can_be_asked:
             why = "a result file is of the case's own numbers, and this experiment has others"
-            found.append(_unjudged(spec, case, candidate, Verdict.SKIPPED, why))
+            found.append((_unjudged(spec, case, candidate, Verdict.SKIPPED, why), None))
             continue
         progress(f"{candidate.name} beside measurement {spec.name}")
         experiment = measured.at({}, like=case)
@@ -128,7 +131,7 @@ def judge_measurements(
             )
             says = read_state(measured, experiment, state, candidate.element)
         except CandidateFailedError as error:
-            found.append(_unjudged(spec, case, candidate, Verdict.FAILED, str(error)))
+            found.append((_unjudged(spec, case, candidate, Verdict.FAILED, str(error)), None))
             continue
         numerical = _bar_of_truth(measured, state, references, case)
         values = validate(measured, says, numerical=numerical)
@@ -279,8 +282,8 @@ def _bar_of_truth(measured: Measured, state: State, references: ReferenceSet, ca
 
 def _result(
     measured: Measured, case: Case, candidate: Candidate, values: list[Validation]
-) -> CheckResult:
-    """One check of the worst value, and a line that says what it is made of."""
+) -> tuple[CheckResult, MeasuredValues]:
+    """One check of the worst value, with a line that says what it is made of; and all values."""
     size, unit = measured.unit
     worst = max(range(len(values)), key=lambda k: values[k].margin)
     value, label = values[worst], measured.labels[-len(values) :][worst]
@@ -293,7 +296,19 @@ def _result(
         f"{unit} (numerical {u[0]:.2g}, inputs {u[1]:.2g}, data {u[2]:.2g}); allowed with twice "
         f"u_val: {limit:.3g} {unit}"
     )
-    return CheckResult(
+    is_of_markers = measured.spec.kind == "rest"
+    pins = pins_of(case, measured.spec.markers) if is_of_markers else {}
+    beside = MeasuredValues(
+        measured.spec.name,
+        candidate.name,
+        unit,
+        measured.labels[-len(values) :],
+        measured.values[-len(values) :] / size,
+        np.array([row.error for row in values]) / size + measured.values[-len(values) :] / size,
+        _COVERAGE * np.array([row.u_val for row in values]) / size,
+        np.array([pin.position / size for pin in pins.values()]).reshape(-1, 3),
+    )
+    check = CheckResult(
         metric=name_of(measured.spec),
         against=MEASUREMENT,
         strain=case.strain,
@@ -306,6 +321,7 @@ def _result(
         reference_error=_COVERAGE * value.u_val / size,
         element=candidate.element,
     )
+    return check, beside
 
 
 def _unjudged(

@@ -220,7 +220,8 @@ def side_by_side(results: Sequence[CaseResult]) -> tuple[list[str], list[list[st
         for name, *values in zip(found[0], *(errors.values() for errors in found), strict=True):
             check = checks.get(name)
             bar_and_limit = [None, None] if check is None else [check.reference_error, check.limit]
-            shown = (_percent(value) for value in (*values, *bar_and_limit))
+            unit = "-" if check is None else check.unit
+            shown = (_shown(value, unit) for value in (*values, *bar_and_limit))
             rows.append([result.name, name, *shown])
     return columns, rows
 
@@ -234,8 +235,10 @@ def side_by_side_markdown(results: Sequence[CaseResult]) -> str:
     return "\n" + "".join(f"| {' | '.join(map(for_markdown, line))} |\n" for line in lines)
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None or not value < float("inf") else f"{100.0 * value:.2g} %"
+def _shown(value: float | None, unit: str) -> str:
+    if value is None or not value < float("inf"):
+        return "-"
+    return f"{100.0 * value:.2g} %" if unit == "-" else f"{value:.2g} {unit}"
 
 
 def github_annotations(results: Sequence[CaseResult]) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.bars import BarParts
@@ -123,6 +123,31 @@ class CheckResult:
         return "; ".join(filter(None, words))
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredValues:
+    """What a candidate says to a measurement, beside it, in one unit of the case.
+
+    Attributes:
+        name: Of the measurement.
+        candidate: Who computed.
+        unit: Of the values.
+        labels: Of each value.
+        measured: Shape (n,).
+        computed: Shape (n,).
+        doubt: Two u_val of each, shape (n,).
+        positions: Of the markers at rest, shape (n / 3, 3); empty of what is not of markers.
+    """
+
+    name: str
+    candidate: str
+    unit: str
+    labels: tuple[str, ...]
+    measured: Floats
+    computed: Floats
+    doubt: Floats
+    positions: Points
+
+
 @dataclass(frozen=True)
 class Judged:
     """A judged candidate, and the gravest of the checks of its results.
@@ -160,6 +185,7 @@ class CaseResult:
         candidate_says: What an outside candidate says of itself: its words, which nobody checked.
         unseen: Plainly wrong results that no check of the case turns red, by name.
         diagnoses: What would explain each result that a check failed.
+        measured: What each candidate says to what was measured of the real body.
     """
 
     name: str
@@ -179,6 +205,7 @@ class CaseResult:
     candidate_says: Mapping[str, Any] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
+    measured: tuple[MeasuredValues, ...] = ()
 
     @property
     def candidate(self) -> str:
@@ -253,4 +280,5 @@ def merge_candidates(results: Sequence[CaseResult]) -> CaseResult:
         candidate_says={key: said for r in results for key, said in r.candidate_says.items()},
         unseen=tuple(dict.fromkeys(name for result in results for name in result.unseen)),
         diagnoses=tuple(found for result in results for found in result.diagnoses),
+        measured=tuple(values for result in results for values in result.measured),
     )

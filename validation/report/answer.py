@@ -9,7 +9,13 @@ from dataclasses import dataclass
 
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.judging.checks import STATED, decide
-from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope
+from palpate.validation.judging.results import (
+    MEASUREMENT,
+    CaseResult,
+    CheckResult,
+    Judged,
+    Scope,
+)
 from palpate.validation.metrics import OWN_MESH_REMEDY, measure
 from palpate.validation.states import Verdict
 
@@ -38,6 +44,8 @@ class Step:
 
 def quantity_of(check: CheckResult) -> str:
     """The quantity of a check, in words."""
+    if check.against == MEASUREMENT:
+        return f"worst value beside what was {check.metric}".replace("measured ", "measured as ")
     return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
 
 
@@ -47,14 +55,15 @@ def amount_of(check: CheckResult) -> str:
     The truth's own bar stands there only where it is why nothing can be decided, to its second
     digit: else "5.3 % ± 0.3 %" would look as if it were above 5 %.
     """
-    value, bar = 100.0 * (check.value or 0.0), 100.0 * check.reference_error
-    allowed = f"(allowed: {100.0 * check.limit:.2g} %)"
+    scale, unit = (100.0, "%") if check.unit == "-" else (1.0, check.unit)
+    value, bar = scale * (check.value or 0.0), scale * check.reference_error
+    allowed = f"(allowed: {scale * check.limit:.2g} {unit})"
     if not math.isfinite(bar):
-        return f"{value:.2g} % ± an unknown error of the truth {allowed}"
+        return f"{value:.2g} {unit} ± an unknown error of the truth {allowed}"
     if check.verdict is not Verdict.INCONCLUSIVE or bar <= 0.0:
-        return f"{value:.2g} % {allowed}"
+        return f"{value:.2g} {unit} {allowed}"
     digits = max(0, 1 - math.floor(math.log10(bar)))
-    return f"{value:.{digits}f} % ± {bar:.{digits}f} % {allowed}"
+    return f"{value:.{digits}f} {unit} ± {bar:.{digits}f} {unit} {allowed}"
 
 
 def used_of(check: CheckResult) -> float:
@@ -185,6 +194,13 @@ def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> 
             "Let it solve what the case asks for, or ask for what it solves; then judge it again."
         )
         return (Step(words, _again(result, judged, called)),)
+    if failed and all(c.against == MEASUREMENT for c in failed):
+        words = (
+            "Its equations are solved well enough; the model is not the body that was measured: "
+            "fit its inputs, and see what is predicted of a measurement that is held out."
+        )
+        modulus = "--parameter material.youngs_modulus"
+        return (Step(words, (f"palpate fit {called} {modulus} -o out/fit",)),)
     if not any(c in far for c in failed) or any(c.against == "same_mesh" for c in failed):
         words = (
             "Find the equation that it does not satisfy: measure its result against each of them."
@@ -209,6 +225,12 @@ def _decide_it(result: CaseResult, far: Sequence[CheckResult], called: str) -> S
     if not left:
         return Step(f"{_last_note(result)} Then judge it again.", (f"palpate gate {called}",))
     check = next((c for c in far if c in left), left[0])
+    if check.against == MEASUREMENT:
+        words = (
+            "What was measured is not known well enough to decide: measure more runs, or state "
+            "inputs more exactly; which part is largest, the check says."
+        )
+        return Step(words, (f"palpate gate {called}",))
     if OWN_MESH_REMEDY in check.message:
         return Step(f"{_sentence(OWN_MESH_REMEDY)}; then judge it again.", anew)
     if check.value is None or not math.isfinite(check.reference_error):

@@ -48,6 +48,7 @@ def checks_svg(result: CaseResult) -> str:
 def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figure | None:
     """The same as a figure, within a `plot_style`; None where nothing is compared."""
     rows = [c for c in result.checks if c.against != "candidate" and c.value is not None]
+    rows = [c for c in rows if c.unit == "-"]  # lengths and forces have no place on this axis
     if not rows:
         return None
     size = medium.row

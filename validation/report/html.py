@@ -36,6 +36,7 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
+from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
@@ -167,6 +168,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "scene": Markup(viewer_json(result)) if result.states else "",
         "looks": [shown.name(result.states) for shown in comparisons_of(result)],
         "plot": _drawn(checks_svg, result),
+        "measured_plot": _drawn(_measured_svg, result) if result.measured else "",
         "time": problem.time,
         "is_motion": problem.time is not None,
         "slider": "fraction of the displacement" if problem.time is None else "time",
@@ -183,6 +185,11 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
     }
+
+
+def _measured_svg(result: CaseResult) -> str:
+    figure = measured_figure(result)
+    return "" if figure is None else figure.svg
 
 
 def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:

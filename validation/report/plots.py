@@ -111,7 +111,7 @@ class Panel:
     `log` names the axes that are logarithmic: "", "x", "y" or "xy". Dotted lines mark `levels` of y
     and `positions` of x, each with the text along its line; `band` is grey, on y; `notes` are texts
     at (x, y), `ticks` at values of x, `y_ticks` of y. An end of a range that is None is what the
-    lines need.
+    lines need. What `is_to_scale` has one scale for x and y.
     """
 
     lines: Sequence[Line]
@@ -127,6 +127,7 @@ class Panel:
     y_ticks: Mapping[float, str] | None = None
     x_range: tuple[float | None, float | None] = (None, None)
     y_range: tuple[float | None, float | None] = (None, None)
+    is_to_scale: bool = False
 
 
 def line_figure(
@@ -204,6 +205,8 @@ def _draw(axes: Axes, panel: Panel) -> None:
         if ticks is not None:
             axis.set_ticks(list(ticks), list(ticks.values()))
             axis.set_minor_formatter(NullFormatter())
+    if panel.is_to_scale:
+        axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)
     axes.set_title(panel.title, fontsize=10)

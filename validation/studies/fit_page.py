@@ -20,6 +20,7 @@ from palpate.validation.case.schema import input_names
 from palpate.validation.case.variants import LOAD_SIZES, is_factor, put_value
 from palpate.validation.case.writing import case_text
 from palpate.validation.judging.measured import Validation
+from palpate.validation.report.measured_plots import marker_figure, marker_panel
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import ExitCode, Verdict, gravest
@@ -139,7 +140,7 @@ def _findings(one: CaseFit, law: str) -> list[Finding]:
         one.fit.parameters, one.fit.values, one.fit.half_widths, strict=True
     ):
         known = parameter.name not in lost
-        words = f"{value:.6g} +- {width:.2g}" + ("" if known else f"; {one.remedy(parameter.name)}")
+        words = f"{value:.6g} +- {width:.3g}" + ("" if known else f"; {one.remedy(parameter.name)}")
         verdict = Verdict.PASSED if known else Verdict.INCONCLUSIVE
         found.append(Finding(f"the data tell {parameter.name}{law}", words, verdict))
     return found
@@ -151,8 +152,8 @@ def _tables(one: CaseFit, law: str) -> dict[str, Table]:
     tables = {
         "parameters": Table(
             f"Fitted numbers{law}, in the case's units, with intervals of {fit.confidence:.0%}",
-            {"key": "", "value": ".6g", "half of the interval": ".3g",
-             "before the last step": ".6g", "least possible": ".4g", "largest possible": ".4g",
+            {"key": "", "value": ".6g", "half of the interval": ".6g",
+             "before the last step": ".6g", "least possible": ".6g", "largest possible": ".6g",
              **{f"correlation with {name}": "+.2f" for name in names if len(names) > 1}},
             [
                 [p.name, float(v), float(w), float(c), p.lower, p.upper,
@@ -205,12 +206,7 @@ def _figures(one: CaseFit, law: str) -> dict[str, Figure]:
     rest = [m for m in one.measured.values() if m.spec.kind == "rest"]
     if rest:
         panels = [_markers(one, measured) for measured in rest]
-        found["markers"] = line_figure(
-            [panels],
-            f"Markers where they were measured and where the fitted case has them{law}, seen along "
-            "the axis in which they move least. Lines go from where they were at first.",
-            shares_legend=True,
-        )
+        found["markers"] = marker_figure(panels, law)
     for measured in one.measured.values():
         if measured.spec.kind == "tool_force":
             found[f"curve-{measured.spec.name}"] = _curve(one, measured, law)
@@ -219,33 +215,16 @@ def _figures(one: CaseFit, law: str) -> dict[str, Figure]:
 
 def _markers(one: CaseFit, measured: Measured) -> Panel:
     size, unit = measured.unit
+    name = measured.spec.name
     pins = pins_of(one.case, measured.spec.markers)
-    at_rest = np.array([pin.position for pin in pins.values()])
-    seen = measured.values.reshape(-1, 3)
-    computed = one.predictions[measured.spec.name].reshape(-1, 3)
-    least = int(np.argmin(np.abs(seen).max(axis=0)))
-    across, up = (axis for axis in range(3) if axis != least)
-    surface = one.case.problem.mesh.points[np.unique(one.case.problem.mesh.boundary_facets)]
-    side = surface[surface[:, least] <= surface[:, least].min() + 1e-9 * np.ptp(surface)]
-
-    def line(points: Points, label: str, style: str, colour: str) -> Line:
-        return Line(points[:, across] / size, points[:, up] / size, label, style, colour)
-
-    ways = [
-        Line([a[across] / size, b[across] / size], [a[up] / size, b[up] / size], "", "-", "#999999")
-        for a, b in zip(at_rest, at_rest + seen, strict=True)
-    ]
-    is_held_out = measured.spec.name in one.held_out
-    return Panel(
-        [
-            line(side, "body at rest, from its side", ".", "#cccccc"),
-            *ways,
-            line(at_rest + computed, "computed", "o", BLUE),
-            line(at_rest + seen, "measured", "x", RED),
-        ],
-        x=f"{'xyz'[across]} [{unit}]",
-        y=f"{'xyz'[up]} [{unit}]",
-        title=f"{measured.spec.name}, {'held out' if is_held_out else 'fitted to'}",
+    return marker_panel(
+        one.case.problem.mesh,
+        size,
+        unit,
+        np.array([pin.position for pin in pins.values()]) / size,
+        measured.values.reshape(-1, 3) / size,
+        {"": one.predictions[name].reshape(-1, 3) / size},
+        f"{name}, {'held out' if name in one.held_out else 'fitted to'}",
     )
 
 
