@@ -206,7 +206,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
             axis.set_ticks(list(ticks), list(ticks.values()))
             axis.set_minor_formatter(NullFormatter())
     if panel.is_to_scale:
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)
     axes.set_title(panel.title, fontsize=10)

@@ -4,8 +4,9 @@ Least squares of residuals over their standard uncertainties, with bounds, each 
 half the width of its bounds (`scipy.optimize.least_squares`, trust region reflective). Intervals
 are the linearised ones, value +- t s sqrt((J^T J)^-1_kk), with Student's t and s^2 the sum of
 squares over its degrees of freedom (G. A. F. Seber, C. J. Wild, Nonlinear Regression, 1989, section
-5.1). A combination of parameters, a right singular vector of J, is *not identifiable* where its
-interval is wider than the bounds: the measurement adds nothing to what was known before.
+5.1); where another parameter cannot be told, they reach to the optima with that one at either of
+its bounds. A combination of parameters, a right singular vector of J, is *not identifiable* where
+its interval is wider than the bounds: the measurement adds nothing to what was known before.
 
 A coarse model searches; where a finer one is given, a last Gauss-Newton step from its optimum
 with the finer predictions and the coarse derivatives keeps the mesh's error out of the parameters.
@@ -217,6 +218,12 @@ def fit(parameters: Sequence[Parameter], experiments: Sequence[Experiment], *,
     safe = np.maximum(sizes, np.finfo(float).eps * max(float(sizes[0]), 1e-300))
     covariance = (directions.T * (scatter / safe) ** 2) @ directions
     widths = factor / max(scatter, 1e-300) * np.sqrt(np.diag(covariance)) if scatter else 0.0 * z
+    lost = [k for k, width in enumerate(widths) if width >= 1.0]
+    for k in lost:
+        # Linear intervals of the others end where what cannot be told bends away.
+        for end in bounds[:, k]:
+            other = _with_fixed(residual, jacobian, z, bounds, k, float(end))
+            widths = np.maximum(widths, np.abs(other - z) * (np.arange(len(z)) != k))
     ends = np.cumsum([len(x.values) for x in experiments])[:-1]
     return Fit(
         tuple(parameters),
@@ -234,6 +241,31 @@ def fit(parameters: Sequence[Parameter], experiments: Sequence[Experiment], *,
         degrees,
         step,
     )
+
+
+def _with_fixed(
+    residual: Prediction, jacobian: Prediction, z: Floats, bounds: Floats, k: int, value: float
+) -> Floats:
+    """The optimum with one parameter fixed."""
+    from scipy.optimize import least_squares
+
+    others = np.arange(len(z)) != k
+    if not others.any():
+        return np.array([value])
+
+    def whole(part: Floats) -> Floats:
+        full = np.full(len(z), value)
+        full[others] = part
+        return full
+
+    found = least_squares(
+        lambda part: residual(whole(part)),
+        z[others],
+        jac=lambda part: jacobian(whole(part))[:, others],
+        bounds=bounds[:, others],
+        xtol=1e-6,
+    )
+    return whole(np.asarray(found.x))
 
 
 def _residual(experiment: Experiment, predict: Prediction, values: Floats) -> Floats:
