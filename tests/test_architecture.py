@@ -241,25 +241,36 @@ LINES = {
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
-    "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
+    "fastsim": (
+        13060,
+        "issue 35: contact over facets; issue 36: sensitivities of equilibria; small swings",
+    ),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        47100,
+        48800,
         "issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
-        "Python, guesses of `init` that are solved",
+        "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        57400,
+        57900,
         "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
-        "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
+        "issue 36: masses on the surface, measurements, fits to them, swings; "
+        "issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
-    "validation/case": (3230, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
-    "validation/commands": (2420, "issue 40: history of releases; issue 38: `init --copy`"),
+    "validation/case": (
+        3950,
+        "issue 36: [[mass]], measurements, other values of a case; "
+        "issue 38: the first case marks every guess",
+    ),
+    "validation/commands": (
+        2460,
+        "issue 40: history of releases; issue 38: `init --copy`; issue 36: `fit`, `solve --set`",
+    ),
     "validation/diagnosis": (
         2370,
         "issue 40: Lamé's parameters by name, constants of stable laws; "
@@ -270,23 +281,28 @@ LINES = {
     "validation/exchange": (1500, "as of 24 November 2026"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        3620,
-        "issue 34: what results, models and files may not do; issue 38: no truth without a result",
+        4300,
+        "issue 34: what results, models and files may not do; issue 38: no truth without a result; "
+        "issue 36: verdicts on measurements",
     ),
     "validation/live": (
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (
-        4640,
-        "issue 33: one way to measure; issue 36: tracks of markers on a real body",
+        4700,
+        "issue 33: one way to measure; issue 36: tracks of markers on a real body; pins of markers",
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3400, "issue 34: what results, models and files may not do"),
-    "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
+    "validation/report": (
+        3620,
+        "issue 38: the first screen; states that draw themselves; "
+        "issue 36: measured beside computed",
+    ),
     "validation/studies": (
-        4560,
-        "issue 33: what tests prove is no study; issue 36: fits to measurements",
+        4720,
+        "issue 33: what tests prove is no study; issue 36: fits of a case to measurements",
     ),
 }
 

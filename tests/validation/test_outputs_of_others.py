@@ -53,6 +53,10 @@ REFUSAL_ALONE = {"bench", "check", "import", "init", "compare"}
 FOLDERS = {
     ("report", "--output"): "report block.toml -o {}",
     ("study", "--output"): "study kidney -o {}",
+    (
+        "fit",
+        "--output",
+    ): "fit silicone-bar --parameter material.density -o {}",
     ("sweep", "--output"): "sweep block.toml --vary material.poissons_ratio=0.1,0.2 -o {}",
     ("scoreboard", "--output"): "scoreboard block.toml -o {}",
     ("export", "--output"): "export block.toml -o {}",

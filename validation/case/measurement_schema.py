@@ -33,11 +33,9 @@ class MarkerSpec(Table):
     name: str = Field(pattern=_NAME)
     """Name of its columns in the files: NAME_x_mm."""
     position: Vector
-    """Of the marker on the body at rest; beside the surface, where it stands on a pin
-    [units.length]."""
+    """Of the marker, on the body at rest or on a pin beside it [units.length]."""
     radius: Positive | None = None
-    """Radius of the patch that the pin turns with; one that only finds the frame needs none
-    [units.length]."""
+    """Of the patch that the pin turns with; none of what finds the frame alone [units.length]."""
 
 
 class MeasurementSpec(Table):
@@ -46,22 +44,17 @@ class MeasurementSpec(Table):
     name: str = Field(pattern=_NAME)
     """Name by which a fit uses it or leaves it out."""
     kind: Literal["rest", "frequency", "tool_force"]
-    """rest: how far markers move to where they rest; frequency: of a marker's swing; tool_force:
-    on a tool over its depth."""
+    """Motion of markers to rest, frequency of a marker's swing, or force on a tool over depth."""
     files: tuple[str, ...] = Field(min_length=1)
-    """CSV beside the case, one for each run, with a unit in each column: time_s and NAME_x_mm, or
-    depth_mm and force_N."""
+    """CSV, one for each run: columns time_s and NAME_x_mm, or depth_mm and force_N."""
     set: dict[str, Number] = Field(default_factory=dict)
-    """Numbers of the case that this experiment has in the place of its own, by key:
-    { "mass[0].mass" = 0.0 }."""
+    """Numbers, by key, that this experiment has in the place of the case's."""
     markers: tuple[str, ...] = ()
     """Markers that are compared."""
     frame: tuple[str, ...] = ()
-    """Markers by which the body's frame is found in the first sample, three or more; none where the
-    files are in the case's frame."""
+    """Markers that find the body's frame at first; none of files that are in the case's."""
     frame_limit: Positive | None = None
-    """Root mean square distance at most between these markers and the stated positions
-    [units.length]."""
+    """Root mean square distance that these may have from their positions [units.length]."""
     start: Number | None = None
     """First time that is used, by the files' clock; their first where nothing is said [s]."""
     end: Number | None = None
@@ -73,13 +66,11 @@ class MeasurementSpec(Table):
     tool: Annotated[Count, Field(ge=1)] | None = None
     """Number of the [[tool]], from 1; its path is straight, its depth the way it has gone."""
     uncertainty: Positive | None = None
-    """Standard uncertainty of each value where one run is all there is; from the runs' scatter
-    where nothing is said [units.length, Hz or units.force]."""
+    """Standard uncertainty of each value, in its unit; where nothing is said the runs' scatter."""
     fitted: Flag = True
     """Whether a fit uses it that is told nothing else; false of what is a check only."""
     limit: Positive | None = None
-    """Most that a value may be off, written before the fit; not judged where nothing is said
-    [units.length, Hz or units.force]."""
+    """Most that a value may be off, in its unit; not judged where nothing is said."""
     reason: str = ""
     """Why this limit: what its user needs."""
 

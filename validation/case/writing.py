@@ -32,6 +32,14 @@ _EXAMPLES: dict[str, Any] = {
     "mesh": "liver.vtu",
     "group": "attachment",
     "fitted": ["material.youngs_modulus"],
+    "name": "tip",
+    "files": ["run_a.csv", "run_b.csv"],
+    "markers": ["tip"],
+    "frame": ["tip", "left", "right"],
+    "set": {"mass[0].mass": 0.0},
+    "inputs": ["material.youngs_modulus"],
+    "standard": [1000.0],
+    "correlation": [[1.0]],
     "published": {"source": "who, when, which table"},
     "region": {"half_space": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}},
     "times": [0.0, 0.1],
@@ -128,7 +136,7 @@ def _example(key: str, field: FieldInfo) -> Any:
     value = field.get_default(call_default_factory=True)
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_defaults=False, by_alias=True)
-    if not field.is_required() and value is not None and value != () and value != {}:
+    if not field.is_required() and value is not None and value not in ((), {}):
         return value
     if key in _EXAMPLES:
         return _EXAMPLES[key]

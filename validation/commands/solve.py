@@ -157,8 +157,8 @@ def audit(
     import numpy as np
 
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
-    from palpate.validation.api import audit_result
     from palpate.validation.case import load_case
+    from palpate.validation.judging.audit import audit_result
     from palpate.validation.metrics.validity import cell_rotations
 
     if limit is not None and not 0.0 < limit < 1.0:

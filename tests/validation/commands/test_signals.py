@@ -42,6 +42,7 @@ WORDS = {
     "solve": "solve kidney --with reference --degree 2 -o out/solved.vtu",
     "sweep": "sweep block.toml --jobs 2 --with reference --vary "
     "material.poissons_ratio=0.1:0.4:20 -o out/sweep",
+    "fit": "fit silicone-bar --parameter material.youngs_modulus --by-run -o out/fit",
     "touch": "touch block.toml --no-browser -o out/touch",
     "gate": "gate block.toml --live --json out/found.json",
     "report": "report block.toml -o out/report",

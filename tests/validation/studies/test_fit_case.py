@@ -262,6 +262,7 @@ shape = "box"
 size = [40.0, 40.0, 20.0]
 edge_length = 5.0
 [material]
+law = "neo-hookean-stable"
 youngs_modulus = 10.0
 poissons_ratio = 0.45
 [[support]]
