@@ -290,7 +290,7 @@ LINES = {
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (
-        4700,
+        4800,
         "issue 33: one way to measure; issue 36: tracks of markers on a real body; pins of markers",
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),

@@ -9,8 +9,11 @@ does to a distance moved is a rotation only.
 from __future__ import annotations
 
 import csv
+import importlib.util
 import itertools
 import math
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +23,12 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.supervised import run_supervised
+from palpate.meshes.temporaries import scratch_folder
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+# A minute of a hundred markers takes a second to read [s].
+_PATIENCE = 60.0
 _AXES = ("x", "y", "z")
 # A unit that was misread is wrong by ten at least; bodies that deform change distances by less.
 _WRONG_UNIT = 3.0
@@ -135,11 +142,11 @@ class Frame(NamedTuple):
 
 
 def read_tracks(path: str | Path) -> Tracks:
-    """Read tracks of markers from CSV with units in its column names.
+    """Read tracks of markers from C3D, or from CSV with units in its column names.
 
     Args:
-        path: File with `time_s` and `NAME_x_mm`, `NAME_y_mm`, `NAME_z_mm` for each marker; an empty
-            cell or `nan` is a marker that was lost.
+        path: .c3d (needs ezc3d), or a file with `time_s` and `NAME_x_mm`, `NAME_y_mm`, `NAME_z_mm`
+            for each marker; an empty cell or `nan` is a marker that was lost.
 
     Returns:
         All frames, in metres and seconds.
@@ -151,6 +158,8 @@ def read_tracks(path: str | Path) -> Tracks:
         ExchangedLabelsError: Two markers swap their places from one frame to the next.
     """
     path = Path(path)
+    if path.suffix.lower() == ".c3d":
+        return _read_c3d(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]
@@ -171,6 +180,46 @@ def read_tracks(path: str | Path) -> Tracks:
         where = f" after {time[bad[0]]:g} s" if len(bad) else ""
         raise ColumnError(path.name, f"column time_s does not increase{where}; sort its frames")
     tracks = Tracks(path.name, time, _markers(path.name, names, values))
+    _require_own_labels(tracks)
+    return tracks
+
+
+def _read_c3d(path: Path) -> Tracks:
+    """The markers of a motion capture, read in a process of its own."""
+    if importlib.util.find_spec("ezc3d") is None:
+        raise MeasurementError(path.name, 'needs ezc3d; pip install "palpate[motion-capture]"')
+    with scratch_folder("tracks") as folder:
+        result = folder / "tracks.npz"
+        program = Path(__file__).with_name("c3d_program.py")
+        try:
+            ended = run_supervised(
+                # -P: modules beside the program have names of the standard library's.
+                [sys.executable, "-P", program, path.absolute(), result],
+                time_limit=_PATIENCE,
+            )
+        except subprocess.TimeoutExpired:
+            raise MeasurementError(
+                path.name, f"was not read within {_PATIENCE:g} s; export it as CSV"
+            ) from None
+        if ended.returncode or not result.is_file():
+            why = (ended.stderr.strip().splitlines() or ["its reader crashed"])[-1]
+            raise MeasurementError(path.name, f"cannot be read as C3D ({why}); export it again")
+        with np.load(result, allow_pickle=False) as found:
+            labels, unit = [str(name).strip() for name in found["labels"]], str(found["unit"])
+            time, positions = found["time"], found["positions"]
+    if unit not in _METRES:
+        raise ColumnError(
+            path.name, f"its unit is {unit!r}; export it in one of {', '.join(_METRES)}"
+        )
+    twice = [name for name in labels if labels.count(name) > 1]
+    if twice or not labels:
+        why = f"marker {twice[0]} is there twice; rename one" if twice else "has no markers"
+        raise ColumnError(path.name, why)
+    if len(time) < 2 or not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
+        raise ColumnError(path.name, "has no frames at an increasing time; export it again")
+    tracks = Tracks(
+        path.name, time, {n: _METRES[unit] * p for n, p in zip(labels, positions, strict=True)}
+    )
     _require_own_labels(tracks)
     return tracks
 

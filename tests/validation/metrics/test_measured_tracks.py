@@ -191,3 +191,51 @@ def test_the_scatter_of_runs_is_that_of_their_noise() -> None:
     assert found.mean == pytest.approx(runs.mean(axis=0), rel=1e-15)
     with pytest.raises(InputError, match="state the uncertainty"):
         mean_of_runs([runs[0]])
+
+
+def c3d_file(path: Path, *, unit: str = "mm", labels: tuple[str, ...] = ("tip", "left")) -> Path:
+    ezc3d = pytest.importorskip("ezc3d")
+    data = ezc3d.c3d()
+    about = data["parameters"]["POINT"]
+    about["RATE"]["value"], about["UNITS"]["value"] = [50.0], [unit]
+    about["LABELS"]["value"] = labels
+    points = np.ones((4, len(labels), 6))
+    for k in range(len(labels)):
+        points[:3, k] = np.array([10.0, 20.0 + 100.0 * k, 30.0])[:, None] + np.arange(6)
+    residuals = np.zeros((1, len(labels), 6))
+    residuals[0, 0, 3] = -1.0
+    data["data"]["points"] = points
+    data["data"]["meta_points"]["residuals"] = residuals
+    data.write(str(path))
+    return path
+
+
+def test_motion_capture_is_read(tmp_path: Path) -> None:
+    found = read_tracks(c3d_file(tmp_path / "walk.c3d"))
+    assert list(found.markers) == ["tip", "left"]
+    assert np.diff(found.time) == pytest.approx(np.full(5, 0.02))
+    assert found.markers["left"][2] == pytest.approx([0.012, 0.122, 0.032], rel=1e-6)
+    lost = ~np.isfinite(found.markers["tip"]).all(axis=1)
+    assert list(np.flatnonzero(lost)) == [3]
+    with pytest.raises(GapError, match="marker tip is lost in 1 of 6 frames"):
+        found.between(0.0, 1.0)
+
+
+def test_motion_capture_that_cannot_be_used_says_why(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="its unit is 'inch'"):
+        read_tracks(c3d_file(tmp_path / "a.c3d", unit="inch"))
+    with pytest.raises(ColumnError, match="marker tip is there twice"):
+        read_tracks(c3d_file(tmp_path / "b.c3d", labels=("tip", "tip")))
+    whole = c3d_file(tmp_path / "c.c3d").read_bytes()
+    rng = np.random.default_rng(3)
+    for number, text in enumerate(
+        (b"", b"no C3D at all", whole[:300], whole[:520], rng.bytes(4000), whole[:-40])
+    ):
+        path = tmp_path / f"damaged{number}.c3d"
+        path.write_bytes(text)
+        try:
+            read_tracks(path)
+        except MeasurementError as error:
+            assert path.name in str(error)  # noqa: PT017
+        else:
+            assert number == 5  # what is cut off at its end may be padding
