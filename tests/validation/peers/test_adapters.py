@@ -47,6 +47,7 @@ STATICS = {
     "getfem-p1": 1e-8,
     "ngsolve-p1": 1e-8,
     "tatva-tet4": 1e-8,
+    "akantu-tet4": 1e-8,
     "mujoco-flex": 1e-5,
     "newton-semi-implicit": 5e-3,
 }
