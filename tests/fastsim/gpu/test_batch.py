@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from palpate.meshes.tet_mesh import TetMesh
 
 pytest.importorskip("warp", reason="the extra `gpu` is not installed")
 pytestmark = pytest.mark.once
-WARP = "warp:cpu"
+# `PALPATE_TEST_DEVICE=cuda:0` runs these on a GPU.
+WARP = os.environ.get("PALPATE_TEST_DEVICE", "warp:cpu")
 
 
 def varied(mesh: TetMesh, number: int) -> Problem:
@@ -89,6 +91,7 @@ def test_what_does_not_go_together_is_refused(ragged_box: TetMesh, single_cell: 
         simulate_batch([one], device="cpu")
 
 
+@pytest.mark.skipif(WARP != "warp:cpu", reason="NumPy takes no array of a GPU")
 def test_the_state_is_shared_without_a_copy(ragged_box: TetMesh) -> None:
     from palpate.fastsim.gpu.batch import shared_state
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable
 
 import numpy as np
@@ -38,7 +39,8 @@ pytest.importorskip("warp", reason="the extra `gpu` is not installed")
 pytestmark = pytest.mark.once
 
 MakeBox = Callable[..., TetMesh]
-WARP = "warp:cpu"
+# `PALPATE_TEST_DEVICE=cuda:0` runs these on a GPU.
+WARP = os.environ.get("PALPATE_TEST_DEVICE", "warp:cpu")
 SOFT, HARD = Material(1e4, 0.3, 1000.0), Material(4e4, 0.4, 1100.0)
 UP = TabularAmplitude((0.0, 0.3, 1.0), (0.0, 1.0, 0.6))
 ELEMENTS = pytest.mark.parametrize("element", list(Element))
@@ -184,8 +186,11 @@ def test_captured_blocks_of_steps_are_the_same_run(
         body.set_mass_damping(5.0)
         body.step(50)
     assert captured.run.batch._graphs  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(captured.displacement, plain.displacement)
-    assert captured.energies() == plain.energies()
+    # A GPU adds up forces in any order where it need not repeat: rounding of 115 steps.
+    close = 0.0 if is_repeatable or WARP == "warp:cpu" else 1e-12
+    np.testing.assert_allclose(captured.displacement, plain.displacement, rtol=0.0, atol=close)
+    for one, other in zip(captured.energies(), plain.energies(), strict=True):
+        assert one == pytest.approx(other, rel=close, abs=close)
 
 
 SHAPES: list[tuple[ToolShape, float]] = [
