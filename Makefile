@@ -9,7 +9,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz docs wheels view clean
+.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz docs site wheels view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -59,6 +59,11 @@ fuzz: setup ## mutated surfaces against the mesher, under sanitizers: FUZZ_SECON
 docs: setup ## the documentation, warnings as errors: out/docs/index.html
 	@$(VENV)/bin/python -m pip install -q --disable-pip-version-check -c $(VENV)/constraints.txt --group docs
 	@bash .ci/docs.sh $(VENV)/bin/python $(OUT)/docs
+
+site: scoreboard ## documentation and scoreboard as one static site: out/site/index.html
+	@PALPATE_SITE=1 $(MAKE) --no-print-directory docs OUT=$(OUT)/made-site
+	@rm -rf $(OUT)/site && mv $(OUT)/made-site/docs $(OUT)/site && rmdir $(OUT)/made-site
+	@cp -r $(OUT)/scoreboard $(OUT)/site/scoreboard && touch $(OUT)/site/.nojekyll
 
 wheels: ## sdist and wheels, repaired and tried without a compiler: dist/
 	@bash .ci/wheels.sh dist

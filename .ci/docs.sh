@@ -7,6 +7,11 @@ python="$1" folder="$2"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 cp -r validation/documentation/. "$work"
+# On a site the scoreboard's pages lie beside these (`make site`).
+if [ -n "${PALPATE_SITE:-}" ]; then
+    printf '\n<p><a href="scoreboard/index.html">The scoreboard: every simulator on every case</a></p>\n' \
+        >>"$work/index.md"
+fi
 PYTHONPATH="$PWD/validation/documentation${PYTHONPATH:+:$PYTHONPATH}" \
     "$python" -m making "$work"
 "$python" -m sphinx -q -W --keep-going -j auto -d "$work/doctrees" -c "$work/making" -b html \

@@ -269,6 +269,10 @@ def fit_case(
         MeasurementError: A file that cannot be used.
         FastsimError: An experiment has no equilibrium.
     """
+    if not case.spec.measurement:
+        raise InputError(
+            f"{case.path.name} has no [[measurement]], and nothing to fit to; see the case silicone-bar"
+        )
     known = [spec.name for spec in case.spec.measurement if spec.fitted]
     used = tuple(n for n in known if n not in hold_out) if data is None else tuple(data)
     if both := [name for name in used if name in hold_out]:

@@ -210,6 +210,12 @@ def test_what_cannot_be_fitted_is_refused_and_nothing_is_left(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_case_without_measurements_is_named(tmp_path: Path, palpate_run: Callable) -> None:
+    ended = palpate_run("fit", "block", "--parameter", MODULUS, "-o", tmp_path / "out")
+    assert ended.returncode == 2
+    assert "block.toml has no [[measurement]]" in ended.stderr
+
+
 def test_a_number_that_is_0_needs_bounds(bar: Case) -> None:
     with pytest.raises(FitError, match="state --bounds load"):
         parameters_of(bar, ["load[0].acceleration[0]"])

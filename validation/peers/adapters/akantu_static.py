@@ -39,7 +39,10 @@ class Static:
         self._job, points, cells = job, job["points"], job["cells"]
         is_finite = str(str(job["strain"]) == "green").lower()
         self._unit = 1e2 / (TOLERANCE * force_scale(job))
-        moduli = {"E": self._unit * float(job["youngs_modulus"][0]), "nu": float(job["poissons_ratio"][0])}
+        moduli = {
+            "E": self._unit * float(job["youngs_modulus"][0]),
+            "nu": float(job["poissons_ratio"][0]),
+        }
         material = Path("akantu_material.dat")
         material.write_text(_MATERIAL.format(**moduli, is_finite=is_finite), encoding="utf-8")
         akantu.parseInput(str(material))
