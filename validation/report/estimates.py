@@ -32,21 +32,28 @@ class Thickness:
         num_cells: Layers of cells between the sides [-], a third of the tetrahedra crossed.
         slenderness: Median ratio of length to height of the cells there [-]: the side of a square
             on which six of them fill a brick of a layer's height, over that height.
+        num_between: Layers of cells between clamps that face each other [-]: the lower quartile
+            over rays that begin and end on clamped facets; None where there are none.
     """
 
     length: float
     num_cells: float
     slenderness: float
+    num_between: float | None = None
 
 
 def measure_thickness(
-    mesh: TetMesh, *, fixed: NDArray[Any] | None = None, seed: int = 0
+    mesh: TetMesh,
+    *,
+    fixed: NDArray[Any] | None = None,
+    clamped: NDArray[Any] | None = None,
+    seed: int = 0,
 ) -> Thickness:
     """Follow rays from boundary facets inwards, from cell to cell, to the other side.
 
     Facets are sampled by their area, so that many small ones do not count for more. A body does not
     bend towards a support: only rays count that begin and end elsewhere than on `fixed` facets,
-    (num_facets, 3), where there are any.
+    (num_facets, 3), where there are any. `clamped` are those of them that cannot slide.
     """
     neighbours = _neighbours(mesh)
     owners = np.argwhere(neighbours < 0)
@@ -76,6 +83,11 @@ def measure_thickness(
         inside, here, beyond = inside[goes_on], here[goes_on], beyond[goes_on]
         cell[inside] = beyond
         entered[inside] = (neighbours[beyond] == here[:, None]).argmax(axis=1)
+    between = None
+    if clamped is not None and len(clamped):
+        is_between = are_among(first, clamped) & are_among(last, clamped)
+        if is_between.any():
+            between = float(np.quantile(count[is_between] / _CROSSED_IN_A_CELL, 0.25))
     if fixed is not None and len(fixed):
         is_free = ~(are_among(first, fixed) | are_among(last, fixed))
         if is_free.any():
@@ -84,7 +96,8 @@ def measure_thickness(
     num_cells = float(np.quantile(layers, 0.25))
     height = length / layers
     slenderness = np.sqrt(6.0 * volume / count / height**3)[layers <= num_cells]
-    return Thickness(float(np.quantile(length, 0.25)), num_cells, float(np.median(slenderness)))
+    thin = float(np.quantile(length, 0.25))
+    return Thickness(thin, num_cells, float(np.median(slenderness)), between)
 
 
 def _leave(

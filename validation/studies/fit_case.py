@@ -271,7 +271,7 @@ def fit_case(
     """
     if not case.spec.measurement:
         raise InputError(
-            f"{case.path.name} has no [[measurement]], and nothing to fit to; see the case silicone-bar"
+            f"{case.path.name} has no [[measurement]] to fit to; see the built-in silicone-bar"
         )
     known = [spec.name for spec in case.spec.measurement if spec.fitted]
     used = tuple(n for n in known if n not in hold_out) if data is None else tuple(data)

@@ -61,6 +61,49 @@ def test_cells_of_any_mesher_count_as_their_height() -> None:
     assert 0.8 * 5.0 < found.num_cells < 5.0 / np.sqrt(2.0 / 3.0)
 
 
+@pytest.mark.parametrize("layers", [1, 2, 4])
+def test_layers_between_clamps_are_counted(layers: int) -> None:
+    mesh = brick_box((8, 8, layers), (8.0, 8.0, 1.0))
+    on = mesh.points[mesh.boundary_facets][:, :, 2]
+    both = np.all(on == 0.0, axis=1) | np.all(on == 1.0, axis=1)
+    found = measure_thickness(mesh, clamped=mesh.boundary_facets[both])
+    assert found.num_between == pytest.approx(layers)
+    one = np.all(on == 0.0, axis=1)
+    assert measure_thickness(mesh, clamped=mesh.boundary_facets[one]).num_between is None
+
+
+def test_one_layer_held_on_both_sides_is_warned_of(tmp_path: Path) -> None:
+    text = """
+schema = 1
+title = "A slab between plates"
+[units]
+length = "mm"
+[geometry]
+shape = "box"
+size = [40.0, 40.0, 5.0]
+edge_length = EDGE
+[material]
+youngs_modulus = 1e4
+poissons_ratio = 0.49
+[[support]]
+region = { half_space = { point = [0.0, 0.0, 0.01], normal = [0.0, 0.0, -1.0] } }
+[[support]]
+region = { half_space = { point = [0.0, 0.0, 4.99], normal = [0.0, 0.0, 1.0] } }
+displacement = [1.0, 0.0, 0.0]
+[[check]]
+metric = "displacement_l2"
+limit = 1e-8
+reason = "the same equations"
+"""
+    warned = {}
+    for edge in (5.0, 1.5):
+        path = tmp_path / "slab.toml"
+        path.write_text(text.replace("EDGE", str(edge)), "utf-8")
+        warnings = describe_case(load_case(path)).warnings
+        warned[edge] = any("between clamps that face each other" in line for line in warnings)
+    assert warned == {5.0: True, 1.5: False}
+
+
 def held_facets(problem: Problem) -> Indices:
     return np.vstack([support.facets for support in problem.supports])
 
