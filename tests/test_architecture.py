@@ -267,22 +267,24 @@ LINES = {
     ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
-    "validation/exchange": (1500, "as of 24 November 2026"),
+    "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        3620,
-        "issue 34: what results, models and files may not do; issue 38: no truth without a result",
+        3640,
+        "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
+        "where a motion leaves",
     ),
     "validation/live": (
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (
-        4640,
-        "issue 33: one way to measure; issue 36: tracks of markers on a real body",
+        4720,
+        "issue 33: one way to measure; issue 36: tracks of markers on a real body; "
+        "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
-    "validation/references": (3400, "issue 34: what results, models and files may not do"),
+    "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
     "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
     "validation/studies": (
         4560,
