@@ -285,10 +285,11 @@ LINES = {
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
-    "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
+    "validation/report": (3500, "issue 38: the first screen, paper; states that draw themselves"),
     "validation/studies": (
-        4560,
-        "issue 33: what tests prove is no study; issue 36: fits to measurements",
+        4620,
+        "issue 33: what tests prove is no study; issue 36: fits to measurements; "
+        "issue 38: a sweep's page leads with its answer",
     ),
 }
 

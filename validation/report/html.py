@@ -6,6 +6,7 @@ import base64
 import hashlib
 import io
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -43,6 +44,8 @@ from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict, gravest
 
 _PACKAGE = "palpate.validation.report"
+# A key or a table of a case file that is commented out.
+_UNUSED_KEY = re.compile(r"\s*#\s*(\[{1,2}\w[\w.]*\]{1,2}|[\w.]+\s*=)")
 
 
 def page_environment() -> Environment:
@@ -182,7 +185,13 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
+        "case_lines": case_lines(result.case_text),
     }
+
+
+def case_lines(text: str) -> list[tuple[str, bool]]:
+    """Lines of a case file, and whether paper has them: keys that are commented out are not."""
+    return [(line, not _UNUSED_KEY.match(line)) for line in text.splitlines()]
 
 
 def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:
