@@ -285,7 +285,7 @@ LINES = {
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
-    "validation/report": (3500, "issue 38: the first screen, paper; states that draw themselves"),
+    "validation/report": (3580, "issue 38: first screen, paper, inclusions; states draw themselves"),
     "validation/studies": (
         4620,
         "issue 33: what tests prove is no study; issue 36: fits to measurements; "
