@@ -244,7 +244,7 @@ LINES = {
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        47100,
+        47250,
         "issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
@@ -285,7 +285,7 @@ LINES = {
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
-    "validation/report": (3580, "issue 38: first screen, paper, inclusions; states draw themselves"),
+    "validation/report": (3640, "issue 38: first screen, paper, inclusions, animations"),
     "validation/studies": (
         4620,
         "issue 33: what tests prove is no study; issue 36: fits to measurements; "

@@ -37,6 +37,7 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
+from palpate.validation.report.loads_and_tools import inclusions_of
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
@@ -180,7 +181,12 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
-        "num_inclusions": len(problem.inclusions),
+        "inclusions": [
+            f"{one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the volume, "
+            f"E = {one.material.youngs_modulus:g} Pa, Poisson's ratio "
+            f"{one.material.poissons_ratio:.6g}"
+            for one in inclusions_of(problem)
+        ],
         "masses": [f"{mass.mass:g} kg" for mass in problem.masses],
         "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
