@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points, checked_indices
+from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import (
     Load,
     Support,
@@ -111,6 +111,11 @@ class TimeSpan:
             raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
         if self.time_step is not None:
             self.require_few_steps(self.time_step)
+
+    @property
+    def output_times(self) -> Floats:
+        """Times of the stored states, 0 among them [s], shape (num_outputs + 1,)."""
+        return np.linspace(0.0, self.end_time, self.num_outputs + 1)
 
     def require_few_steps(self, time_step: float) -> None:
         """Refuse a time step with which the motion would take more than 1e9 of them.

@@ -122,12 +122,19 @@ def stated_steps(problem: Problem, method: str) -> tuple[TimeSpan, float, int]:
         raise InputError(f"{method} needs a time span with its time_step given")
     dt = span.time_step
     per_output = round(span.end_time / span.num_outputs / dt)
-    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
+    if not are_whole_steps_apart(span, dt):
         raise InputError(
             f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
             "apart; choose end_time as num_outputs times a multiple of time_step"
         )
     return span, dt, per_output
+
+
+def are_whole_steps_apart(span: TimeSpan, time_step: float) -> bool:
+    """Whether the outputs of a time span are one whole number of steps [s] apart, at least one."""
+    per_output = round(span.end_time / span.num_outputs / time_step)
+    off = abs(per_output * time_step * span.num_outputs - span.end_time)
+    return per_output >= 1 and off <= 1e-9 * time_step
 
 
 def read_integrator(name: str) -> Integrator:

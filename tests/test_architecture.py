@@ -247,7 +247,7 @@ LINES = {
     ),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        48800,
+        49300,
         "issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
@@ -278,31 +278,33 @@ LINES = {
     ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),
-    "validation/exchange": (1500, "as of 24 November 2026"),
+    "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4300,
-        "issue 34: what results, models and files may not do; issue 38: no truth without a result; "
-        "issue 36: verdicts on measurements",
+        4400,
+        "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
+        "where a motion leaves; issue 36: verdicts on measurements",
     ),
     "validation/live": (
         3060,
         "issue 34: how the page is opened, and what recordings may not replace",
     ),
     "validation/metrics": (
-        4800,
-        "issue 33: one way to measure; issue 36: tracks of markers on a real body; pins of markers",
+        4900,
+        "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
+        "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
-    "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
-    "validation/references": (3400, "issue 34: what results, models and files may not do"),
+    "validation/peers": (6860, "issue 40: released versions, three more simulators, XPBD"),
+    "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
     "validation/report": (
-        3620,
-        "issue 38: the first screen; states that draw themselves; "
-        "issue 36: measured beside computed",
+        3850,
+        "issue 38: first screen, paper, inclusions, animations; issue 36: measured beside computed; "
+        "issue 35: layers between clamps",
     ),
     "validation/studies": (
-        4720,
-        "issue 33: what tests prove is no study; issue 36: fits of a case to measurements",
+        4800,
+        "issue 33: what tests prove is no study; issue 36: fits of a case to measurements; "
+        "issue 38: a sweep's page leads with its answer",
     ),
 }
 

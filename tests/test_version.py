@@ -24,7 +24,7 @@ def test_citation_changelog_recipe_and_example_name_the_version_of_the_package()
     recipe = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text("utf-8")
     assert f'version: "{VERSION}"' in recipe
     workflow = ROOT / "validation/examples/gate_your_simulator/.github/workflows/palpate.yml"
-    assert f"PALPATE: palpate=={VERSION} " in workflow.read_text("utf-8")
+    assert f"/palpate-{VERSION}-" in workflow.read_text("utf-8")
     titles = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
     # What is not released yet comes first; the newest that is bears the number.
     assert titles[0] in ("Unreleased", VERSION)

@@ -100,16 +100,16 @@ def solve(
         from palpate.validation.references.runs import solve_reference
 
         found = solve_reference(problem, used, degree, progress, formulation=form, element=kind)
-        return dataclasses.replace(found, problem=problem)
+        return _of(problem, found)
     if simulator is Simulator.CONDENSED:
         from palpate.validation.candidates.fastsim import run_condensed
 
         found = run_condensed(problem, used, progress, element=kind)
-        return dataclasses.replace(found, problem=problem)
+        return _of(problem, found)
     from palpate.validation.candidates.candidate import fastsim_candidate
 
     candidate = fastsim_candidate(method=way, element=kind, device=device)
-    return dataclasses.replace(candidate.solve(problem, used, progress), problem=problem)
+    return _of(problem, candidate.solve(problem, used, progress))
 
 
 def _require_possible(
@@ -137,6 +137,12 @@ def _require_stepped(problem: Problem, simulator: Simulator, method: Method, dev
             f"device = {device!r} makes explicit steps, and Newton's method has none: say "
             'method = "relaxation" with it, or device = "cpu"'
         )
+
+
+def _of(problem: Problem, state: State) -> State:
+    """A state that knows what was solved, and so does its motion."""
+    motion = state.trajectory and dataclasses.replace(state.trajectory, problem=problem)
+    return dataclasses.replace(state, problem=problem, trajectory=motion)
 
 
 def simulate(

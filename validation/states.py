@@ -131,6 +131,8 @@ def gravest(verdicts: Sequence[Verdict]) -> Verdict:
 class Trajectory:
     """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3).
 
+    `problem` is what was solved, of `palpate.solve` and `palpate.simulate`.
+
     >>> import palpate
     >>> motion = palpate.solve(palpate.load_case("block-motion").problem).trajectory
     >>> len(motion.times), float(motion.times[-1])
@@ -139,6 +141,29 @@ class Trajectory:
 
     times: Points
     displacements: NDArray[np.float64]
+    problem: Problem | None = None
+
+    def animate(self, path: str | Path, *, seconds: float = 4.0) -> Path:
+        """Write it as an animated picture by pyvista, coloured by the displacement.
+
+        Args:
+            path: A file, .gif; `IPython.display.Image(path)` shows it in a notebook.
+            seconds: How long it plays, over and over [s], > 0, whatever the motion takes.
+
+        Returns:
+            The file, written whole or not at all.
+
+        Raises:
+            InputError: Another ending, no time, a motion that is not of `palpate.solve` or
+                `simulate`, or pyvista is not installed.
+        """
+        from palpate.validation.report.pyvista_grid import animate
+
+        if self.problem is None:
+            raise InputError(
+                "this motion does not know its problem: take the trajectory of palpate.simulate"
+            )
+        return animate(self.problem, self.displacements, Path(path), seconds)
 
 
 @dataclass(frozen=True, eq=False)

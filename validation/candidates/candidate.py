@@ -350,7 +350,7 @@ def _state(
         raise ResultFileError(
             name, f"displacement has shape {values.shape}; this case needs {shape} [m]"
         )
-    times = None if span is None else np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    times = None if span is None else span.output_times
     about: dict[str, object] = {}
     if isinstance(like, State):
         about["element"] = like.element.value

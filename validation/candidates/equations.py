@@ -66,13 +66,22 @@ class AskedSteps:
         """The problem with the time step that is asked for.
 
         Raises:
-            InputError: A step for a case without [time], or one that the outputs are not whole
-                numbers of apart.
+            InputError: A step for a case without [time], one that is longer than it, or one that
+                its outputs are not whole numbers of apart where there are tools: their forces are
+                means from output to output, and nothing is read between those.
         """
-        if self.time_step is None:
+        step = self.time_step
+        if step is None:
             return problem
-        given = Steps(self.scheme, self.time_step).of(problem)
-        stated_steps(given, f"--time-step {self.time_step:g}")
+        given = Steps(self.scheme, step).of(problem)
+        assert given.time is not None
+        if step > given.time.end_time:
+            raise InputError(
+                f"--time-step {step:g} s is longer than the motion, {given.time.end_time:g} s: "
+                "take shorter steps"
+            )
+        if given.tools:
+            stated_steps(given, f"--time-step {step:g}")
         return given
 
     def of(self, problem: Problem) -> Steps | None:
@@ -198,7 +207,7 @@ def _of_steps(
     if step is None:
         yield Difference(f"a time step of {in_quotes(str(stated))}", f"{wanted:g} s", "")
     elif not abs(step - wanted) <= _DIGITS * wanted:
-        option = f"--time-step {step!r}"  # every digit: outputs lie whole steps apart
+        option = f"--time-step {step!r}"  # every digit
         yield Difference(f"steps of {step:g} s", f"steps of {wanted:g} s", option)
 
 

@@ -15,7 +15,7 @@ from palpate.validation.candidates.equations import AskedSteps, steps_of_result
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.exchange.placement import MatchedResult, match_points
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
-from palpate.validation.exchange.time_reading import TimeReading, read_at
+from palpate.validation.exchange.time_reading import TimeReading, read_at, to_the_end
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.difference import largest, measures_of
 from palpate.validation.states import OwnMesh, State, Trajectory
@@ -85,7 +85,7 @@ def _with_motion(
     Raises:
         ResultFileError: No times, or they do not cover the case's.
     """
-    wanted = np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    wanted = span.output_times
     given = result.times
     slack = 1e-9 * span.end_time
     if given is None or abs(given[0]) > slack or given[-1] < span.end_time - slack:
@@ -103,25 +103,15 @@ def _with_motion(
     if matched.own_mesh is not None and matched.own_displacement is not None:
         end = read_at(given, matched.own_displacement, wanted[-1:], slack=slack)
         for k, last in enumerate((end.states, end.others)):
-            there = _to_the_end(given, matched.own_displacement, last, wanted[-1], slack)
+            there = to_the_end(given, matched.own_displacement, last, wanted[-1], slack)
             own = OwnMesh(matched.own_mesh, there.displacements, matched.cauchy_stress)
             states[k] = with_own_mesh(states[k], mesh, own)
     return dataclasses.replace(
         states[0],
-        sent=_to_the_end(given, matched.displacement, read.states[-1:], wanted[-1], slack),
+        sent=to_the_end(given, matched.displacement, read.states[-1:], wanted[-1], slack),
         other_reading=None if read.were_sent.all() else states[1],
         remarks=(*state.remarks, *_remarks_on_times(given, read, span.end_time + slack)),
     )
-
-
-def _to_the_end(
-    times: Points, states: NDArray[np.float64], last: NDArray[np.float64], end: float, slack: float
-) -> Trajectory:
-    """The states sent from the start to the end, and the last one where none was sent there."""
-    is_inside = (times >= -slack) & (times <= end + slack)
-    if times[is_inside][-1] >= end - slack:
-        return Trajectory(times[is_inside], states[is_inside])
-    return Trajectory(np.append(times[is_inside], end), np.concatenate([states[is_inside], last]))
 
 
 def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]:

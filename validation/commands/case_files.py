@@ -103,7 +103,7 @@ def schema(
 def check(
     case: OneCase,
     picture: Annotated[
-        Path | None, typer.Option(help=".png of body, supports, loads and tools")
+        Path | None, typer.Option(help=".png of body, inclusions, supports, loads and tools")
     ] = None,
     force: Force = False,
 ) -> None:
@@ -120,7 +120,7 @@ def check(
         from palpate.validation.report.pictures import draw_case
 
         draw_case(loaded, picture)
-        print(f"{picture}: body, supports, loads and tools")
+        print(f"{picture}: body, inclusions, supports, loads and tools")
 
 
 def import_model(

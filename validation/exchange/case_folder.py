@@ -150,7 +150,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
     span = problem.time
     time = None
     if span is not None:
-        outputs = np.linspace(0.0, span.end_time, span.num_outputs + 1)
+        outputs = span.output_times
         time = {**dataclasses.asdict(span), "output_times": outputs.tolist()}
         time["starts"] = "at rest" if problem.initial_velocity is None else "at initial_velocity"
     return {

@@ -95,8 +95,13 @@ def match_points(result: ResultFile, problem: Problem) -> MatchedResult:
 def _require_finite(result: ResultFile) -> None:
     bad = np.flatnonzero(~np.isfinite(result.values).all(axis=(0, 2)))
     if bad.size:
+        good = np.isfinite(result.values).all(axis=(1, 2))
+        since = ""
+        if result.times is not None and len(result.times) == len(good):
+            first = int(good.argmin())
+            since = f", since {result.times[first]:.4g} s (state {first + 1} of {len(good)})"
         raise CandidateFailedError(
-            f"the result holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
+            f"the result holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}{since}"
         )
     if result.cauchy_stress is not None:
         bad = np.flatnonzero(~np.isfinite(result.cauchy_stress).all(axis=(1, 2)))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
+from palpate.validation.states import Trajectory
 
 _MOST_NODES = 4
 
@@ -53,6 +54,16 @@ def read_at(
         for k in np.flatnonzero(~were_sent):
             best[k], others[k] = _read(times, states, float(wanted[k]))
     return TimeReading(best, others, were_sent)
+
+
+def to_the_end(
+    times: Points, states: NDArray[np.float64], last: NDArray[np.float64], end: float, slack: float
+) -> Trajectory:
+    """The states sent from the start to the end, and the last one where none was sent there."""
+    is_inside = (times >= -slack) & (times <= end + slack)
+    if times[is_inside][-1] >= end - slack:
+        return Trajectory(times[is_inside], states[is_inside])
+    return Trajectory(np.append(times[is_inside], end), np.concatenate([states[is_inside], last]))
 
 
 def _read(

@@ -121,6 +121,9 @@ def judge_check(
             message += f" {sign} {spec.limit:g}"
         if part is not None:
             message += f", {part.says}"
+        if verdict is Verdict.FAILED and about.where is not None:
+            left = about.where(problem, judged, reference)
+            message += f"; {left}" if left else ""
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"

@@ -276,6 +276,10 @@ def case_budgets(result: CaseResult) -> list[Budget]:
     return budgets
 
 
+# Rows are in the units of the report's other tables.
+_SHOWN_IN = {"m": ("mm", 1e3), "m3": ("mm³", 1e9)}
+
+
 def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
     """Column names, and a row of text for each budget; errors in parts of the truth."""
     columns = ["number", "candidate", "value", "truth", "error"]
@@ -286,16 +290,17 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
     rows = []
     for budget in budgets:
         scale = abs(budget.truth) or 1.0
+        unit, size = _SHOWN_IN.get(budget.unit, (budget.unit, 1.0))
 
         def part(value: float | None, scale: float = scale) -> str:
             return "-" if value is None else f"{100.0 * value / scale:+.3g} %"
 
         rows.append(
             [
-                f"{budget.quantity} [{budget.unit}]",
+                f"{budget.quantity} [{unit}]",
                 budget.candidate,
-                f"{budget.value:.5g}",
-                f"{budget.truth:.5g}",
+                f"{size * budget.value:.5g}",
+                f"{size * budget.truth:.5g}",
                 part(budget.total),
                 *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME)),
                 part(budget.terms[budget.rest]) + ("" if is_solvers else f" ({budget.rest})"),

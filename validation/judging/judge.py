@@ -169,6 +169,13 @@ def _judge_one(
     references = with_asked_steps(case, candidates, references, judged.asked, progress)
     notes.extend(note for note in references.remarks if note not in notes)
     notes.extend(_notes_on_damping(problem, candidates))
+    for strain in failures.keys() & candidates.keys():
+        basis = references.same_mesh(strain) or references.truth(strain)
+        if problem.time is not None and basis is not None:
+            from palpate.validation.metrics.motion import departure
+
+            left = departure(problem, candidates[strain], basis)
+            failures[strain] += f"; {left}" if left else ""
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
     if said:
         notes.append(own_words(judged.name, said))

@@ -181,10 +181,14 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
         )
         for name in ("check", "found", "verdict", "why this limit"):
             table.add_column(name, overflow="fold")
+        said: dict[str, str] = {}
         for check in result.checks:
+            # One failure of a candidate is the message of all its checks.
+            first = said.setdefault(check.message, check.name)
+            is_again = check.value is None and first != check.name
             table.add_row(
                 Text(for_terminal(check.name)),
-                Text(for_terminal(check.message)),
+                Text(for_terminal(f"as {first}" if is_again else check.message)),
                 Text(check.verdict, style=_COLOUR[check.verdict]),
                 Text(for_terminal(check.reason), style="dim"),
             )

@@ -18,7 +18,12 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics import comparison, motion, numbers, stress, validity
-from palpate.validation.metrics.difference import Difference, are_measurable, is_still
+from palpate.validation.metrics.difference import (
+    Difference,
+    are_measurable,
+    is_still,
+    other_readings,
+)
 from palpate.validation.metrics.stress import Part
 from palpate.validation.states import OwnMesh, State
 
@@ -65,6 +70,7 @@ class Metric:
             read at the points does not carry it.
         needs_time: For cases with [time] only.
         needs_tools: For cases with tools only.
+        where: Says of a candidate that fails when and by how much it leaves the reference.
     """
 
     name: str
@@ -92,6 +98,7 @@ class Metric:
     needs_same_mesh: bool = False
     needs_tools: bool = False
     needs_time: bool = False
+    where: Callable[[Problem, State, State], str] | None = None
 
     @property
     def is_published(self) -> bool:
@@ -263,6 +270,7 @@ _METRICS = (
         has_limit_at_points=True,
         has_moving_truth=True,
         needs_time=True,
+        where=motion.departure,
     ),
     *(
         Metric(
@@ -391,7 +399,7 @@ def measure(
         # Distances of surfaces and forces are then rounding, and nothing scales them.
         return Difference(0.0, 0.0, metric.scale)
 
-    def compare(other: State, own: OwnMesh | None) -> Difference:
+    def compare(candidate: State, other: State, own: OwnMesh | None) -> Difference:
         if part is not None and metric.of_part is not None:
             return metric.of_part(problem, candidate, other, part)
         if metric.compare is not None:
@@ -404,11 +412,12 @@ def measure(
         )  # fmt: skip
 
     with np.errstate(over="ignore", invalid="ignore"):
-        found, other, off = compare(reference, candidate.own), candidate.other_reading, 0.0
+        found, off = compare(candidate, reference, candidate.own), 0.0
         # A fit is of the states as they were sent, not as they are read between them.
-        if other is not None and not metric.is_fitted:
-            apart = compare(other, None)
-            off = apart.value * apart.scale / found.scale if apart.value else 0.0
+        if not metric.is_fitted:
+            for read, other in other_readings(problem.mesh, candidate, reference):
+                apart = compare(read, other, None)
+                off += apart.value * apart.scale / found.scale if apart.value else 0.0
     return dataclasses.replace(
         found, scale_name=found.scale_name or metric.scale, uncertainty=found.uncertainty + off
     )

@@ -6,8 +6,8 @@ Python's max, min and comparisons pass a NaN over: nothing here does.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,13 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import facet_areas
-from palpate.validation.states import State
+from palpate.validation.exchange.time_reading import read_at
+from palpate.validation.states import State, Trajectory
 
 # Displacements [m] beyond this have no volume that a number can hold.
 _LARGEST = 1e100
+# Times are the same within this part of the span.
+_SAME_TIME = 1e-9
 # Fraction of the body's size.
 _ROUNDING = float(np.finfo(np.float64).eps)
 
@@ -110,6 +113,41 @@ def measures_of(mesh: TetMesh, displacement: Points) -> dict[str, Any]:
                 "max_displacement": float(np.linalg.norm(displacement, axis=1).max()),
             }
     return {"displacement": displacement, **found}
+
+
+def other_readings(
+    mesh: TetMesh, candidate: State, reference: State
+) -> Iterator[tuple[State, State]]:
+    """Pairs of states that lie as far apart as reading motions between their times may be off.
+
+    Of states at the same times on both sides the same is read by the same rule: what may be off is
+    the reading of their difference.
+    """
+    ours, theirs = candidate.other_reading, reference.other_reading
+    if ours is not None and theirs is not None and are_at_same_times(candidate, reference):
+        assert candidate.given is not None
+        assert reference.given is not None
+        assert reference.trajectory is not None
+        times, wanted = reference.given.times, reference.trajectory.times
+        apart = candidate.given.displacements - reference.given.displacements
+        read = read_at(times, apart, wanted, slack=_SAME_TIME * wanted[-1])
+        motion = candidate.displacements + read.others - read.states
+        moved = Trajectory(wanted, motion)
+        yield candidate, replace(candidate, trajectory=moved, **measures_of(mesh, motion[-1]))
+        return
+    for state, other in ((candidate, ours), (reference, theirs)):
+        if other is not None:
+            yield state, other
+
+
+def are_at_same_times(one: State, other: State) -> bool:
+    """Whether two motions were given at the same times, to the rounding of the span."""
+    if one.given is None or other.given is None:
+        return one.given is other.given
+    times, others = one.given.times, other.given.times
+    return len(times) == len(others) and bool(
+        np.allclose(times, others, rtol=0.0, atol=_SAME_TIME * others[-1])
+    )
 
 
 def make_state(

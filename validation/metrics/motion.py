@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import l2_norms
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.schemes import Steps, frequency_ratio, numerical_damping_ratio
 from palpate.validation.exchange.nodal_arrays import lumped_mass
 from palpate.validation.metrics.body import body_of
-from palpate.validation.metrics.difference import Difference
+from palpate.validation.metrics.difference import Difference, are_at_same_times, largest
 from palpate.validation.metrics.time_series import (
     OscillationError,
     fit_oscillation,
@@ -32,6 +33,8 @@ from palpate.validation.metrics.time_series import (
 from palpate.validation.states import State, Trajectory
 
 Array = NDArray[np.float64]
+# A motion has left another one where it is off by this part of its largest displacement.
+_LEFT = 0.01
 # Two fits of one motion that drift apart by more of a turn over it are two swings: an alias.
 _SAME_SWING = 0.25
 OSCILLATION = tuple(f"oscillation_{field.name}" for field in fields_of(OscillationError))
@@ -64,21 +67,24 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
         InputError: The reference does not oscillate.
     """
     ours, theirs = _trajectories(candidate, reference)
+    theirs = reference.sent or theirs
     point, axis = swinging_most(theirs)
     expected = fit_oscillation(theirs.times, _along(theirs, point, axis))
     word = name.removeprefix("oscillation_")
     sent = candidate.sent or ours
     try:
         found = fit_oscillation(sent.times, _along(sent, point, axis))
-        if candidate.other_reading is None and sent is not ours:
+        if candidate.other_reading is None and reference.sent is None and sent is not ours:
             there = fit_oscillation(ours.times, _along(ours, point, axis))
             turns = abs(there.frequency - found.frequency) * float(np.ptp(theirs.times))
             found = there if turns <= _SAME_SWING else found
-    except InputError:
-        return Difference(math.inf, 1.0, _SCALES[word])
+    except InputError as error:
+        remark = f"its motion has no swing to compare: {error}"
+        return Difference(math.inf, 1.0, _SCALES[word], remark=remark)
     errors = oscillation_error(found, expected, float(np.ptp(theirs.times)))
     uncertainty, remark = 0.0, ""
-    if candidate.other_reading is not None:
+    is_read = candidate.other_reading is not None or reference.sent is not None
+    if is_read and not are_at_same_times(candidate, reference):
         # Fits of other samples differ by how the other modes leak into them.
         for motion, fitted in ((sent, found), (theirs, expected)):
             off = fit_uncertainty(motion.times, _along(motion, point, axis), fitted)
@@ -92,6 +98,32 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
             uncertainty, remark = math.inf, f"of {whose}, {why}"
     return Difference(
         float(getattr(errors, word)), 1.0, _SCALES[word], uncertainty=uncertainty, remark=remark
+    )
+
+
+def departure(problem: Problem, candidate: State, reference: State) -> str:
+    """By how much a motion is off at worst, and since when by a hundredth; "" where it is nowhere.
+
+    Errors are in L2, over the reference's largest displacement over time, as of `trajectory_l2`.
+    The step is counted where the candidate's time step is known.
+    """
+    ours, theirs = _trajectories(candidate, reference)
+    size = largest(l2_norms(problem.mesh, theirs.displacements))
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = l2_norms(problem.mesh, ours.displacements - theirs.displacements) / (size or 1.0)
+    off = np.where(np.isfinite(off), off, np.inf)
+    worst, has_left = int(off.argmax()), off > _LEFT
+    if not has_left.any():
+        return ""
+    first = int(has_left.argmax())
+    time = float(theirs.times[first])
+    step = (
+        "" if candidate.steps is None else f", step {math.ceil(time / candidate.steps.time_step)}"
+    )
+    most = f"{100.0 * off[worst]:.3g} %" if off[worst] < math.inf else "no number"
+    return (
+        f"its motion is off by {most} of the largest displacement at {theirs.times[worst]:.4g} s, "
+        f"and by more than {100.0 * _LEFT:g} % from {time:.4g} s on (output {first}{step})"
     )
 
 

@@ -201,7 +201,7 @@ def peers_on_board(names: Sequence[str] | None = None) -> tuple[Peer, ...]:
         InputError: A name is unknown.
     """
     peers = tuple(peer for peer in read_peers() if peer.on_board)
-    known = {peer.name for peer in peers}
+    known = [peer.name for peer in peers]
     for name in names or ():
         if name not in known:
             raise InputError(f"no entry {name!r} on the scoreboard; there are {', '.join(known)}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +26,8 @@ from palpate.reference.result import (
     SteppedResult,
     formulation_for,
 )
-from palpate.reference.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator, Steps, are_whole_steps_apart
+from palpate.validation.exchange.time_reading import read_at, to_the_end
 from palpate.validation.metrics import make_state, stress_integrals
 from palpate.validation.metrics.difference import measures_of
 from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, SAME_MESH, StateKey
@@ -107,19 +110,22 @@ def solve_by_steps(
     Args:
         problem: With a time span.
         strain: Strain measure.
-        steps: Scheme and time step; the case's own step by central differences where None.
+        steps: Scheme and time step; the case's own step by central differences where None. Where
+            its outputs are not whole steps apart, the state is read between them: `sent` has the
+            steps, `other_reading` says how far the reading may be off.
         progress: Called with one line.
         element: Linear tetrahedra, plain or smoothed.
         time_limit: Time limit of the run [s], > 0.
 
     Raises:
         InputError: No time step in the case and none given: then there is nothing to be equal to.
-            Outputs that are not whole steps apart, or an element, load or tool that cannot be used.
+            Outputs that are not whole steps apart, of the case's own step or with tools; or an
+            element, load or tool that cannot be used.
         ReferenceFailedError: No FEniCSx, or a step without a solution.
     """
     from palpate.reference.tasks import SteppedTask
 
-    stepped = problem if steps is None else steps.of(problem)
+    stepped = problem if steps is None else at_every_step(steps.of(problem))
     if stepped.time is None or stepped.time.time_step is None:
         raise InputError("a dynamic case needs time_step in [time] for its reference")
     integrator = Integrator.CENTRAL_DIFFERENCES if steps is None else steps.integrator
@@ -133,18 +139,34 @@ def solve_by_steps(
             "newton_iterations": found.newton_iterations,
             "largest_residual": found.largest_residual,
         }
-    return _motion_state(
-        problem,
-        problem.mesh,
-        found,
-        found.displacements,
-        strain=strain,
-        label=label,
-        element=element,
-        seconds=seconds,
-        details=details,
-        steps=steps,
-    )
+    make = functools.partial(
+        _motion_state, problem, problem.mesh, found, strain=strain, label=label,
+        element=element, seconds=seconds, details=details, steps=steps,
+    )  # fmt: skip
+    if problem.time is None or stepped.time.num_outputs == problem.time.num_outputs:
+        return make(found.displacements)
+    span = problem.time
+    wanted, slack = span.output_times, 1e-9 * span.end_time
+    read = read_at(found.times, found.displacements, wanted, slack=slack)
+    sent = to_the_end(found.times, found.displacements, read.states[-1:], wanted[-1], slack)
+    other = make(read.others, times=wanted)
+    return dataclasses.replace(make(read.states, times=wanted), sent=sent, other_reading=other)
+
+
+def at_every_step(problem: Problem) -> Problem:
+    """A problem whose outputs are its steps, to the first at its end or after it.
+
+    Where its outputs are whole steps apart, or it has tools, whose forces are means from output to
+    output, it is the problem itself.
+    """
+    span = problem.time
+    if span is None or span.time_step is None or problem.tools:
+        return problem
+    if are_whole_steps_apart(span, span.time_step):
+        return problem
+    count = math.ceil(span.end_time / span.time_step * (1.0 - 1e-9))
+    every = dataclasses.replace(span, end_time=count * span.time_step, num_outputs=count)
+    return dataclasses.replace(problem, time=every)
 
 
 def solve_implicit(
@@ -339,6 +361,8 @@ def _motion_state(
     mesh: TetMesh,
     found: SteppedResult | ImplicitResult,
     displacements: Floats,
+    *,
+    times: Floats | None = None,
     **more: Any,
 ) -> State:
     """A motion of the reference at the points of a mesh; `more` are further fields of `State`."""
@@ -346,7 +370,7 @@ def _motion_state(
         mesh,
         displacements[-1],
         simulator=REFERENCE,
-        trajectory=Trajectory(found.times, displacements),
+        trajectory=Trajectory(found.times if times is None else times, displacements),
         tool_forces=found.tool_forces if problem.tools else None,
         versions=dict(found.versions),
         **more,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot
+from matplotlib.ticker import MaxNLocator
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
@@ -45,6 +47,14 @@ def checks_svg(result: CaseResult) -> str:
         return "" if figure is None else figure_svg(figure, "Errors, error bars and limits")
 
 
+def _in_words(name: str) -> str:
+    """A check's name without the marks of a key, and the strain measures by their names."""
+    words = name.replace("_", " ").replace(" l2", " (L2)") if "_" in name else name
+    for strain, shown in STRAIN_NAMES.items():
+        words = re.sub(rf", {strain}\b", f", {shown}", words)
+    return words.replace(") (", ", ")
+
+
 def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figure | None:
     """The same as a figure, within a `plot_style`; None where nothing is compared."""
     rows = [c for c in result.checks if c.against != "candidate" and c.value is not None]
@@ -69,7 +79,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
         axes.plot(
             [check.limit] * 2, [position - 0.32, position + 0.32], color="black", lw=1.6 * size
         )
-    names = [c.name for c in reversed(rows)]
+    names = [_in_words(c.name) for c in reversed(rows)]
     if medium is not PAGE:
         names = [name.replace(" (", "\n(") for name in names]
     axes.set_yticks(
@@ -77,7 +87,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     )
     axes.set_xscale("log")
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    words = ("relative error: dot", "reference's error bar: line", "limit: upright tick")
+    words = ("dot: relative error [-]", "line: reference's error bar", "upright tick: limit")
     axes.set_xlabel(("; " if medium is PAGE else ";\n").join(words))
     tidy(axes)
     figure.tight_layout()
@@ -122,11 +132,14 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
         )
     is_page = medium is PAGE
     names = [f"{b.quantity}\n" * is_page + b.candidate for b in reversed(budgets)]
+    names = [name.replace("green strain", "Green strain") for name in names]
     axes.set_yticks(range(len(budgets)), names, fontsize=8 * size)
     axes.set_axisbelow(True)
     axes.axvline(0.0, color="black", lw=0.8)
-    what = "error" if is_page else f"{budgets[0].quantity}:\nerror"
-    axes.set_xlabel(f"{what} in per cent of the truth; upright tick: total")
+    words = ["error [% of the truth]", "upright tick: total"]
+    # A column has no room for one line.
+    axes.set_xlabel("; ".join(words) if is_page else "\n".join([budgets[0].quantity, *words]))
+    axes.xaxis.set_major_locator(MaxNLocator(7 if is_page else 4))
     tidy(axes)
     columns = 5 if is_page else 3
     axes.legend(

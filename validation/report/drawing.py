@@ -174,7 +174,9 @@ def _draw(axes: Any, view: View, views: Sequence[View], size: _Size) -> None:
     low, high = extent(views)
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{axis}lim")(a, b)
-        getattr(axes, f"set_{axis}label")(f"{axis} [{view.unit}]", fontsize=0.9 * size.font)
+        getattr(axes, f"set_{axis}label")(
+            f"{axis} [{view.unit}]", fontsize=0.9 * size.font, labelpad=0.8 * size.font
+        )
         getattr(axes, f"{axis}axis").set_major_locator(mpl.ticker.MaxNLocator(4))
     sides = tuple(np.maximum(high - low, 1e-9))
     axes.set_box_aspect(sides)

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import io
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -36,6 +37,7 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
+from palpate.validation.report.loads_and_tools import inclusions_of
 from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
@@ -44,6 +46,8 @@ from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict, gravest
 
 _PACKAGE = "palpate.validation.report"
+# A key or a table of a case file that is commented out.
+_UNUSED_KEY = re.compile(r"\s*#\s*(\[{1,2}\w[\w.]*\]{1,2}|[\w.]+\s*=)")
 
 
 def page_environment() -> Environment:
@@ -179,17 +183,28 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
-        "num_inclusions": len(problem.inclusions),
+        "inclusions": [
+            f"{one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the volume, "
+            f"E = {one.material.youngs_modulus:g} Pa, Poisson's ratio "
+            f"{one.material.poissons_ratio:.6g}"
+            for one in inclusions_of(problem)
+        ],
         "masses": [f"{mass.mass:g} kg" for mass in problem.masses],
         "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
+        "case_lines": case_lines(result.case_text),
     }
 
 
 def _measured_svg(result: CaseResult) -> str:
     figure = measured_figure(result)
     return "" if figure is None else figure.svg
+
+
+def case_lines(text: str) -> list[tuple[str, bool]]:
+    """Lines of a case file, and whether paper has them: keys that are commented out are not."""
+    return [(line, not _UNUSED_KEY.match(line)) for line in text.splitlines()]
 
 
 def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:

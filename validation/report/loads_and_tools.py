@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Material, Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -20,6 +20,7 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.spring import Spring
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
 
 MILLI = 1e3
@@ -213,4 +214,30 @@ def tools_around(
             poses = [tool.path.pose_at(float(time)) for time in shown]
             rows = np.array([[*turn.ravel(), *(at * MILLI - centre)] for at, turn in poses])
             found.append((own * MILLI, facets, rows))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnInclusion:
+    """Cells of another material than the body's: how many, which part of it, and their surface."""
+
+    material: Material
+    num_cells: int
+    volume: float
+    facets: Indices
+
+    def part_of(self, mesh: TetMesh) -> float:
+        """Its volume over that of the body [-]."""
+        return self.volume / mesh.volume
+
+
+def inclusions_of(problem: Problem) -> list[DrawnInclusion]:
+    """The inclusions of a body, in their order."""
+    mesh = problem.mesh
+    found = []
+    for one in problem.inclusions:
+        used, cells = np.unique(mesh.cells[one.cells], return_inverse=True)
+        part = TetMesh(mesh.points[used], cells.reshape(-1, 4).astype(np.int32))
+        facets = used[part.boundary_facets]
+        found.append(DrawnInclusion(one.material, part.num_cells, part.volume, facets))
     return found

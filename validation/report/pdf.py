@@ -13,6 +13,15 @@ from palpate.meshes.temporaries import atomic_path, scratch_folder
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _TIME_LIMIT = 180.0
+# Territories whose paper is US letter; A4 is that of all others (CLDR, paper sizes).
+_LETTER = ("BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE")
+
+
+def paper_size() -> str:
+    """The paper of the locale, "A4" or "letter", by LC_ALL, LC_PAPER or LANG, the first given."""
+    given = (os.environ.get(name) for name in ("LC_ALL", "LC_PAPER", "LANG"))
+    territory = next(filter(None, given), "").partition(".")[0].partition("_")[2][:2]
+    return "letter" if territory.upper() in _LETTER else "A4"
 
 
 def find_browser() -> str | None:
@@ -38,7 +47,10 @@ def print_pdf(page: Path) -> Path:
     browser = require_browser()
     target = page.with_suffix(".pdf")
     with scratch_folder("pdf") as scratch:
-        made = scratch / "page.pdf"
+        made, sized = scratch / "page.pdf", scratch / "page.html"
+        size = f"<style>@page {{ size: {paper_size()}; }}</style></head>"
+        text = page.read_text(encoding="utf-8").replace("</head>", size, 1)
+        sized.write_text(text, encoding="utf-8")
         command = [
             browser,
             "--headless",
@@ -48,7 +60,7 @@ def print_pdf(page: Path) -> Path:
             *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
             f"--user-data-dir={scratch}/profile",
             f"--print-to-pdf={made}",
-            page.absolute().as_uri(),
+            sized.as_uri(),
         ]
         try:
             done = run_supervised(command, time_limit=_TIME_LIMIT)

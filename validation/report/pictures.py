@@ -38,11 +38,13 @@ from palpate.validation.report.loads_and_tools import (
     MILLI,
     MOST_ARROWS,
     arrows_around,
+    inclusions_of,
     load_arrows,
     resultant_of,
     spring_arrows,
     tool_surface,
 )
+from palpate.validation.report.plots import PURPLE
 
 # Number of straight lines by which a path is drawn.
 _POSES = 60
@@ -68,6 +70,8 @@ def _case_views(case: Case) -> list[View]:
     marks, legend = _points_of_supports(problem, points), []
     if problem.supports:
         legend.append(("fixed", BLUE))
+    if problem.inclusions:
+        legend.append(("inclusion of another material, inside", PURPLE))
     marks += _ways_of_supports(problem, points, scale)
     if any(support.normal is not None for support in problem.supports):
         legend.append(("arrows on it: fixed along these alone, it slides across them", BLUE))
@@ -101,10 +105,18 @@ def _case_views(case: Case) -> list[View]:
 
 
 def _boundary(problem: Problem, points: Points) -> list[Surface]:
-    """The body at rest, with fixed and loaded facets in their own colours."""
+    """The body at rest, with fixed and loaded facets in their own colours.
+
+    Inclusions are seen through it: then it is pale.
+    """
     fixed = joined([support.facets for support in problem.supports])
     pushed = joined([getattr(by, "facets", None) for by in (*problem.springs, *problem.loads)])
-    return boundary(points, problem.mesh.boundary_facets, fixed, pushed)
+    body = boundary(points, problem.mesh.boundary_facets, fixed, pushed)
+    inside = inclusions_of(problem)
+    if not inside:
+        return body
+    inner = [Surface(points, one.facets, PURPLE) for one in inside]
+    return [*(replace(part, opacity=_PALE) for part in body), *inner]
 
 
 def _arrows(pairs: Points) -> list[Marks]:
@@ -202,9 +214,10 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
     def around(moved: Points) -> list[Surface]:
         return [Surface(moved, fixed, BLUE, is_wireframe=True), *ended]
 
+    inside = ", purple: inclusion" if problem.inclusions else ""
     views = [
         View(
-            "original (blue: fixed, red: pushed)",
+            f"original (blue: fixed, red: pushed{inside})",
             [*_boundary(problem, points), *started],
             side,
             [*marks, *_points_of_supports(problem, points)],

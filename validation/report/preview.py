@@ -29,7 +29,7 @@ from palpate.validation.report.estimates import (
     guess_errors,
     measure_thickness,
 )
-from palpate.validation.report.loads_and_tools import resultant_of
+from palpate.validation.report.loads_and_tools import inclusions_of, resultant_of
 from palpate.validation.solving import solve
 from palpate.validation.states import CandidateFailedError, State
 
@@ -161,9 +161,17 @@ def _material(about: Description, problem: Problem, units: Units) -> None:
     modulus = m.youngs_modulus / units.pascals(1.0)
     about.say(
         "material",
-        f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
-        + (f"; {len(problem.inclusions)} inclusion(s)" if problem.inclusions else ""),
+        f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3",
     )
+    scale = LENGTH[units.length] ** 3
+    for number, one in enumerate(inclusions_of(problem), 1):
+        modulus = one.material.youngs_modulus / units.pascals(1.0)
+        about.say(
+            f"inclusion {number}",
+            f"{one.num_cells} cells, {one.volume / scale:.4g} {units.length}3 "
+            f"({100.0 * one.part_of(problem.mesh):.2g} % of the body), E = {modulus:g} "
+            f"{units.stress}, nu = {one.material.poissons_ratio:g}",
+        )
     if m.poissons_ratio > _NEAR_INCOMPRESSIBLE:
         about.warnings.append(
             f"poissons_ratio = {m.poissons_ratio:g}, above {_NEAR_INCOMPRESSIBLE:g}: linear "

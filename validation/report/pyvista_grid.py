@@ -5,7 +5,9 @@ The pages and figures of a report are drawn without pyvista.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.meshes.temporaries import atomic_path
 
 if TYPE_CHECKING:
     from pyvista import UnstructuredGrid
@@ -37,14 +40,65 @@ class Drawn(Protocol):
         """Of the last of them."""
 
 
-def to_pyvista(problem: Problem, state: Drawn, *, step: int = -1) -> UnstructuredGrid:
-    """See `palpate.to_pyvista`."""
+def _pyvista() -> Any:
     try:
         import pyvista
     except ImportError as error:
         raise InputError(
             "pyvista is needed and not installed: pip install 'palpate[pyvista]'"
         ) from error
+    return pyvista
+
+
+# Frames of a GIF follow one another no faster than this [s]: players slow down what is shorter.
+_FRAME = 0.02
+_DISPLACEMENT = "displacement [m]"
+
+
+def animate(
+    problem: Problem, displacements: NDArray[np.float64], target: Path, seconds: float
+) -> Path:
+    """See `palpate.Trajectory.animate`."""
+    if target.suffix.lower() != ".gif":
+        raise InputError(f"{target}: a motion is shown as .gif")
+    if not 0.0 < seconds < math.inf:
+        raise InputError(f"seconds = {seconds:g}: needs a finite value above 0")
+    pyvista, points = _pyvista(), problem.mesh.points
+    from PIL import Image
+
+    moved = displacements[:: max(1, math.ceil(len(displacements) * _FRAME / seconds))]
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: np.array(problem.mesh.cells)}, points)
+    lengths = np.linalg.norm(moved, axis=2)
+    plotter = pyvista.Plotter(off_screen=True, window_size=(800, 600))
+    grid.point_data[_DISPLACEMENT] = lengths[0]
+    largest = float(lengths.max()) or 1.0
+    bar = {"vertical": True, "position_x": 0.86, "position_y": 0.15, "n_labels": 3, "fmt": "%.2g"}
+    plotter.add_mesh(
+        grid, scalars=_DISPLACEMENT, clim=(0.0, largest), show_edges=True, scalar_bar_args=bar
+    )
+    # One camera, which sees the body wherever it goes.
+    everywhere = (points + moved).reshape(-1, 3)
+    bounds = np.stack([everywhere.min(axis=0), everywhere.max(axis=0)], axis=1).ravel()
+    plotter.view_isometric()
+    plotter.reset_camera(bounds=tuple(bounds))
+    plotter.camera.zoom(0.8)  # beside the bar
+    frames = []
+    for displacement, length in zip(moved, lengths, strict=True):
+        grid.points, grid.point_data[_DISPLACEMENT] = points + displacement, length
+        plotter.render()
+        frames.append(Image.fromarray(plotter.screenshot(return_img=True)))
+    plotter.close()
+    with atomic_path(target) as temporary:
+        frames[0].save(
+            temporary, format="GIF", save_all=True, append_images=frames[1:], loop=0,
+            duration=round(1e3 * seconds / len(frames)),
+        )  # fmt: skip
+    return target
+
+
+def to_pyvista(problem: Problem, state: Drawn, *, step: int = -1) -> UnstructuredGrid:
+    """See `palpate.to_pyvista`."""
+    pyvista = _pyvista()
     displacements = state.displacements
     if not -len(displacements) <= step < len(displacements):
         raise InputError(f"step {step}: there are {len(displacements)} output times, from 0")

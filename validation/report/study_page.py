@@ -82,6 +82,7 @@ def _text(cell: Any, form: str) -> str:
 class Page:
     """Figures and tables by file name without suffix; remarks go below the text.
 
+    `lead` is the answer to what was asked, at the head of the page in the place of the verdict.
     `numbers` are further ones for results.json; the own report of a judged `case` is the page.
     """
 
@@ -90,6 +91,7 @@ class Page:
     remarks: Sequence[str] = ()
     numbers: Mapping[str, Any] = field(default_factory=dict)
     case: CaseResult | None = None
+    lead: str = ""
 
 
 def study_page(title: str, about: Sequence[str], findings: Sequence[Finding], page: Page) -> str:
@@ -99,6 +101,7 @@ def study_page(title: str, about: Sequence[str], findings: Sequence[Finding], pa
         .get_template("study.html.j2")
         .render(
             title=title,
+            lead=page.lead,
             about=[*about, *page.remarks],
             findings=findings,
             verdict=gravest([f.verdict for f in findings]),
@@ -142,6 +145,8 @@ def leave(
     }
     text = json.dumps(for_json(document), indent=1, allow_nan=False)
     (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
+    if page.lead:
+        console.print(for_terminal(page.lead), markup=False, soft_wrap=True)
     for f in findings:
         line = for_terminal(f"{f.verdict}: {f.claim}: {f.found}")
         console.print(line, markup=False, soft_wrap=True)

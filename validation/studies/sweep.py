@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import cycle, pairwise, product
 from pathlib import Path
@@ -14,6 +15,7 @@ from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.case.variants import Axis, variants
+from palpate.validation.report.comparisons import STRAIN_NAMES
 from palpate.validation.report.plots import COLOURS, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
 from palpate.validation.solving import Simulator
@@ -32,18 +34,18 @@ def sweep_figures(
     unit = case.spec.units.length
     made: dict[str, tuple[str, Measured, str]] = {
         "displacement": (
-            f"largest displacement [{unit}]",
+            f"largest displacement of a point [{unit}]",
             lambda run: run.state.max_displacement / LENGTH[unit] if run.state else None,
             "Largest displacement of a point. Solid: Green strain; dashed: linear strain.",
         ),
         "volume": (
-            "volume / its rest volume [-]",
-            lambda run: run.state.volume / case.mesh.mesh.volume if run.state else None,
+            "volume [% of that at rest]",
+            lambda run: 100.0 * run.state.volume / case.mesh.mesh.volume if run.state else None,
             "Deformed volume. Linear strain swells where a body turns.",
         ),
         "linear-error": (
-            "linear - Green, relative [-]",
-            lambda run: linear_error(run, runs) if run.strain is Strain.LINEAR else None,
+            "error of linear strain [%]",
+            lambda run: _percent(linear_error(run, runs)) if run.strain is Strain.LINEAR else None,
             "What linear strain costs: its displacement less that of Green strain, in L2.",
         ),
     }
@@ -55,13 +57,88 @@ def sweep_figures(
         panel = Panel(
             lines_of(axes, runs, measure),
             # Where the first value without an answer is.
-            positions={run.values[0]: f"no answer, {run.strain}" for run in lost},
-            x=axes[0].key,
+            positions={run.values[0]: f"no answer, {STRAIN_NAMES[run.strain]}" for run in lost},
+            x=_in_words(axes[0].key, case),
             y=words,
         )
         pdf = folder / f"{name}.pdf"
         figures[name] = line_figure([[panel]], caption, shares_legend=False, pdf=pdf)
     return figures
+
+
+def _percent(value: float | None) -> float | None:
+    return None if value is None else 100.0 * value
+
+
+def _named(simulator: Simulator | str, element: Element) -> str:
+    """Who solved, with its element where it is not the linear one."""
+    return f"{simulator}, {element} tetrahedra" if element is not Element.LINEAR else str(simulator)
+
+
+def _in_words(key: str, case: Case) -> str:
+    """A key of the case as the name of an axis, with its unit where its last word tells it."""
+    if found := re.fullmatch(r"load\[(\d+)\]\.factor", key):
+        return f"load {int(found[1]) + 1}, times that of the case [-]"
+    units, last = case.spec.units, re.sub(r"\[\d+\]$", "", key).rpartition(".")[2]
+    known = {
+        "youngs_modulus": units.stress, "pressure": units.stress, "traction": units.stress,
+        "poissons_ratio": "-", "density": "kg/m³", "force": "N", "moment": "N m",
+        "acceleration": "m/s²", "time_step": "s", "end_time": "s", "mass_damping": "1/s",
+        "edge_length": units.length, "size": units.length, "radius": units.length,
+    }  # fmt: skip
+    return f"{key} [{known[last]}]" if last in known else key
+
+
+# Error of linear strain that is asked about where the case's checks state no need of theirs.
+_USUAL = 0.05
+
+
+def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
+    """Up to which value linear strain may stand in for Green's, by the largest error of a row.
+
+    The limit is that of the case's check of displacement against the truth. "" in a motion, and
+    where nothing was solved with both.
+    """
+    if case.problem.time is not None:
+        return ""
+    needs = [
+        spec.limit
+        for spec in case.checks
+        if (spec.metric, spec.against) == ("displacement_l2", "truth")
+    ]
+    limit = min(needs, default=_USUAL)
+    worst: dict[float, float] = {}
+    for run in runs:
+        if run.strain is Strain.LINEAR and (off := linear_error(run, runs)) is not None:
+            worst[run.values[0]] = max(off, worst.get(run.values[0], 0.0))
+    if not worst:
+        return ""
+    key, tested = axes[0].key, sorted(worst, key=abs)
+    allowed = f"allowed: {100.0 * limit:g} %" + ("" if needs else ", since the case states no need")
+    good = [value for value in tested if worst[value] <= limit]
+    if axes[0].is_load:  # more of it is more error: what lies beyond the first excess is no more
+        good = tested[: next((k for k, v in enumerate(tested) if worst[v] > limit), len(tested))]
+    if not good:
+        least = min(worst, key=lambda value: worst[value])
+        return (
+            f"Linear strain may not stand in for Green's at any value of {key} that was tried: it "
+            f"is {100.0 * worst[least]:.3g} % off at least, at {least:g} ({allowed})."
+        )
+    if len(good) == len(tested):
+        most = max(worst, key=lambda value: worst[value])
+        return (
+            f"Linear strain may stand in for Green's at every value of {key} that was tried: it is "
+            f"{100.0 * worst[most]:.2g} % off at most, at {most:g} ({allowed})."
+        )
+    bad = next(value for value in tested if value not in good)
+    where = f"up to {key} = {good[-1]:g}" if axes[0].is_load else (
+        f"at {key} = {', '.join(f'{value:g}' for value in sorted(good))}"
+    )  # fmt: skip
+    return (
+        f"Linear strain may stand in for Green's {where} "
+        f"({100.0 * max(worst[value] for value in good):.2g} % off; {allowed}), not at {bad:g} "
+        f"({100.0 * worst[bad]:.3g} %)."
+    )
 
 
 def lines_of(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list[Line]:
@@ -88,7 +165,7 @@ def lines_of(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> li
             Line(
                 x,
                 y,
-                label="; ".join([f"{simulator}, {element}, {strain}", *more]),
+                label="; ".join([f"{_named(simulator, element)}, {STRAIN_NAMES[strain]}", *more]),
                 style=style if simulator is Simulator.FASTSIM else "x",
                 colour=colours[other, element],
             )
@@ -153,6 +230,7 @@ def sweep(
         page=Page(
             figures=sweep_figures(axes, runs, case, folder),
             tables={"sweep": table},
+            lead=lead_of(axes, runs, case),
             numbers={
                 "case": case.name,
                 "elements": [str(element) for element in elements],

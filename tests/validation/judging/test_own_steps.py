@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from judged import on_same_mesh
 from typer.testing import CliRunner
@@ -113,9 +114,66 @@ def test_a_result_that_states_nothing_is_judged_by_what_is_asked(
     assert value > 1e-3
 
 
+# Outputs of `let_go` are 8e-3 s apart, which is no whole number of these.
+BESIDE_OUTPUTS = 3e-3
+
+
+@pytest.mark.dolfinx
+@pytest.mark.long
+def test_steps_that_do_not_divide_the_outputs_are_judged_at_the_steps(
+    case: Case, tmp_path: Path
+) -> None:
+    stepping = {"integrator": EULER, "time_step": BESIDE_OUTPUTS, "iterations": 200}
+    result, value = judged(case, DESCENT + " {iterations}", **stepping)
+    (check,) = on_same_mesh(result)
+    reference = next(s for s in result.states if s.is_reference and s.sent is not None)
+    assert reference.sent is not None
+    np.testing.assert_allclose(np.diff(reference.sent.times)[:-1], BESIDE_OUTPUTS, rtol=1e-9)
+    # The same states at the same steps: what reading between them may be off by is as small.
+    assert value < 1e-6
+    assert check.reference_error is not None
+    assert check.reference_error < 1e-6
+    # Who reads straight lines between its steps itself is off by that; the reference's own
+    # reading at the outputs is a bar.
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import sys, runpy, numpy as np\n"
+        f"sys.argv = [{str(ADAPTERS / 'vertex_block_descent.py')!r}, *sys.argv[1:]]\n"
+        f"sys.path.insert(0, {str(ADAPTERS)!r})\n"
+        "case, result = sys.argv[1:3]\n"
+        "runpy.run_path(sys.argv[0], run_name='__main__')\n"
+        "with np.load(result) as f: sent = dict(f)\n"
+        f"wanted = np.linspace(0.0, {case.problem.time.end_time}, "
+        f"{case.problem.time.num_outputs + 1})\n"
+        "flat = sent['displacement'].reshape(len(sent['times']), -1)\n"
+        "read = np.array([np.interp(wanted, sent['times'], u) for u in flat.T]).T\n"
+        "sent['displacement'] = read.reshape(len(wanted), -1, 3)\n"
+        "sent['times'] = wanted\n"
+        "np.savez(result, **sent)\n",
+        "utf-8",
+    )
+    command = f"{sys.executable} {own} {{case}} {{result}} {{iterations}}"
+    result, value = judged(case, command, **stepping)
+    (check,) = on_same_mesh(result)
+    assert check.reference_error is not None
+    assert 1e-6 < check.reference_error < value < 0.01
+
+
+@pytest.mark.dolfinx
+@pytest.mark.long
+def test_a_poor_motion_is_off_by_a_number_since_a_step(case: Case) -> None:
+    stepping = {"integrator": EULER, "time_step": STEP, "iterations": 1}
+    result, value = judged(case, DESCENT + " {iterations}", **stepping)
+    (check,) = on_same_mesh(result)
+    assert check.verdict is Verdict.FAILED
+    # Four steps to an output.
+    assert f"off by {100.0 * value:.3g} % of the largest displacement" in check.message
+    assert "1 % from 0.008 s on (output 1, step 4)" in check.message
+
+
 def test_steps_that_cannot_be_meant_are_refused(case: Case) -> None:
     problem = case.problem
-    for step, message in ((3e-3, "not whole steps"), (-1.0, "above 0")):
+    for step, message in ((1.0, "longer than the motion"), (-1.0, "above 0")):
         with pytest.raises(InputError, match=message):
             outside_candidate(OutsideSimulator(DESCENT, time_step=step)).solve(
                 problem, Strain.GREEN, in_silence

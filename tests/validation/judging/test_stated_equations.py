@@ -316,7 +316,7 @@ def test_a_reference_that_takes_too_long_says_so(case: Case, monkeypatch: Any) -
         (1e-9, 600.0, "8e.07 steps to 0.08 s, and the reference takes at least"),
         (1e-8, 60.0, "longer --time-limit"),
         (1e-12, 600.0, "at most 1e.09 are taken"),
-        (3e-3, 600.0, "not whole steps"),
+        (1.0, 600.0, "longer than the motion"),
         (-1.0, 600.0, "above 0"),
     ],
 )
@@ -393,7 +393,7 @@ def test_every_output_has_the_difference(case: Case, monkeypatch: Any, tmp_path:
 def test_the_command_line_asks(case: Case, command_line: Any, capsys: Any) -> None:
     path = sent(case.path.parent, swing(case))
     for words, message in (
-        (("compare", case.path, path, "--time-step", "3e-3"), "not whole steps"),
+        (("compare", case.path, path, "--time-step", "1"), "longer than the motion"),
         (("compare", case.path, path, "--time-step", "1e-9"), "longer --time-limit"),
         (("compare", case.path, path, "--integrator", "rk4"), "rk4"),
         (("compare", case.path, path, "--contact", "facets"), "has no [tool]"),

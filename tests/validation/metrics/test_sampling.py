@@ -11,6 +11,7 @@ from bank import made_state
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.time_reading import read_at
@@ -21,6 +22,7 @@ from palpate.validation.metrics import measure
 from palpate.validation.metrics.motion import (
     OSCILLATION,
     content_frequency,
+    departure,
     may_be_alias,
     swinging_most,
 )
@@ -158,6 +160,34 @@ def test_the_bodys_stiffness_says_how_fast_the_built_in_waves_are() -> None:
         fewer = Trajectory(motion.times[::every], motion.displacements[::every])
         said = may_be_alias(case.problem, Strain.LINEAR, fewer)
         assert (said == "") is is_told
+
+
+def test_of_states_at_the_same_times_the_reading_of_the_difference_is_uncertain() -> None:
+    # Both sides sent 15 states a second and are read at 20: alone each may be off by much.
+    problem, reference = problem_of(1.0), swinging(1.0, 20.0, 15.0)
+    alone = measure("trajectory_l2", problem, swinging(1.0, 20.0), reference)
+    beside = measure("trajectory_l2", problem, swinging(1.0, 20.0, 15.0), reference)
+    assert (beside.value, beside.uncertainty) == (0.0, 0.0)
+    assert alone.uncertainty > alone.value > 1e-4
+    # Another frequency is another motion, read alike or not.
+    other = measure("trajectory_l2", problem, swinging(1.1, 20.0, 15.0), reference)
+    assert other.value > 5.0 * other.uncertainty > 0.0
+
+
+def test_a_motion_says_when_it_left_and_by_how_much() -> None:
+    problem, reference = problem_of(1.0), swinging(1.0, 10.0)
+    assert reference.trajectory is not None
+    fields = reference.trajectory.displacements.copy()
+    fields[7:] *= 1.25
+    late = dataclasses.replace(reference, trajectory=Trajectory(times_of(10.0), fields))
+    # A quarter more where 1 - cos is largest, at 1.5 s; from 0.7 s on.
+    assert departure(problem, late, reference) == (
+        "its motion is off by 25 % of the largest displacement at 1.5 s, and by more than 1 % from "
+        "0.7 s on (output 7)"
+    )
+    stepped = dataclasses.replace(late, steps=Steps(Integrator.BACKWARD_EULER, 0.05))
+    assert departure(problem, stepped, reference).endswith("(output 7, step 14)")
+    assert departure(problem, reference, reference) == ""
 
 
 def test_smoothed_tetrahedra_swing_as_fast_as_their_own_stiffness_says() -> None:

@@ -44,7 +44,7 @@ def test_figures_have_text_and_the_width_of_columns(
         content = path.read_bytes()
         if form is FigureForm.SVG:
             words = re.findall(rb"<text[^>]*>([^<]+)</text>", content)
-            expected = {"checks": b"displacement_l2", "states": b"displacement [mm]"}
+            expected = {"checks": b"Green strain", "states": b"displacement [mm]"}
             word = expected.get(name.rpartition("-")[2], b"")
             assert any(word in found for found in words), name
             assert b"<image" not in content, name

@@ -16,6 +16,7 @@ from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Problem
+from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case import load_case
 from palpate.validation.judging.expectation import read_expected
 from palpate.validation.report.estimates import (
@@ -24,7 +25,7 @@ from palpate.validation.report.estimates import (
     guess_errors,
     measure_thickness,
 )
-from palpate.validation.report.loads_and_tools import resultant_of
+from palpate.validation.report.loads_and_tools import inclusions_of, resultant_of
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import describe_case
 
@@ -292,3 +293,30 @@ def test_a_picture_shows_what_is_fixed_and_pushed_and_the_tools(tmp_path: Path, 
     assert is_fixed.mean() > 1e-3
     assert (is_pushed.mean() > 1e-3) == (name == "block")
     assert (is_tool.mean() > 1e-3) == (name == "slide")
+
+
+def test_inclusions_are_counted_and_drawn_inside_a_pale_body(write_case, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    # The box of 2 x 1 x 1 m: what lies beyond x = 1 m is half of it.
+    text = """
+[[inclusion]]
+region = { box = { min = [1.0, -1.0, -1.0], max = [9.0, 9.0, 9.0] } }
+material = { youngs_modulus = 5e4, poissons_ratio = 0.45, density = 1000.0 }
+"""
+    path = write_case()
+    path.write_text(path.read_text("utf-8") + text, "utf-8")
+    case = load_case(path)
+    (inside,) = inclusions_of(case.problem)
+    (cells,) = (one.cells for one in case.problem.inclusions)
+    volumes = signed_volumes(case.problem.mesh.points, case.problem.mesh.cells[cells])
+    assert inside.num_cells == len(cells) > 0
+    assert inside.volume == pytest.approx(volumes.sum(), rel=1e-12)
+    (line,) = (line for line in describe_case(case).lines if line.startswith("inclusion"))
+    assert line.startswith(f"inclusion 1 {len(cells)} cells, ")
+    assert "E = 50000 Pa, nu = 0.45" in line
+    assert f"({100.0 * inside.part_of(case.problem.mesh):.2g} % of the body)" in line
+    # Its facets are those of its own cells, outward: their cones from any point have its volume.
+    corners = case.problem.mesh.points[inside.facets]
+    assert np.linalg.det(corners).sum() / 6.0 == pytest.approx(inside.volume, rel=1e-12)
+    draw_case(case, tmp_path / "with.png")
+    draw_case(load_case(write_case()), tmp_path / "without.png")
+    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()

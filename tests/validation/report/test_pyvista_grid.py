@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -59,3 +60,27 @@ def test_a_state_is_shown_and_saved_in_one_line(tmp_path, monkeypatch) -> None:
         state.save(tmp_path / "x.stl")
     with pytest.raises(palpate.InputError, match="does not know its problem"):
         dataclasses.replace(state, problem=None).plot()
+
+
+def test_a_motion_is_animated_in_one_line(tmp_path) -> None:
+    from PIL import Image
+
+    problem = palpate.load_case("block").problem
+    span = palpate.TimeSpan(end_time=0.05, num_outputs=4)
+    motion = palpate.simulate(problem, time=span).trajectory
+    assert motion is not None
+    with Image.open(motion.animate(tmp_path / "x.gif", seconds=1.0)) as shown:
+        assert (shown.n_frames, shown.info["duration"]) == (5, 200)
+        frames = []
+        for k in range(5):
+            shown.seek(k)
+            frames.append(np.asarray(shown.convert("RGB"), dtype=float))
+    # It moves from frame to frame, in pixels of the body.
+    assert all(np.abs(a - b).mean() > 0.1 for a, b in itertools.pairwise(frames))
+    assert list(tmp_path.iterdir()) == [tmp_path / "x.gif"]
+    with pytest.raises(palpate.InputError, match=r"shown as \.gif"):
+        motion.animate(tmp_path / "x.mp4")
+    with pytest.raises(palpate.InputError, match="above 0"):
+        motion.animate(tmp_path / "y.gif", seconds=0.0)
+    with pytest.raises(palpate.InputError, match="does not know its problem"):
+        dataclasses.replace(motion, problem=None).animate(tmp_path / "y.gif")

@@ -22,6 +22,7 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import for_json
 from palpate.validation.report import html
 from palpate.validation.report.comparisons import choose_camera, comparisons_of
+from palpate.validation.report.pdf import paper_size
 from palpate.validation.report.tables import provenance_rows, record_text, state_table
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
@@ -240,6 +241,37 @@ def test_only_a_case_that_says_so_is_said_to_be_fitted(tmp_path: Path, kidney: C
     page = html.write_report([other], tmp_path).read_text("utf-8").partition("The states")[0]
     assert "A table of mine." in page
     assert "itted" not in page
+
+
+def test_paper_has_no_keys_that_are_commented_out() -> None:
+    lines = {
+        "# Prose of the case, E = 3 kPa.": True,
+        "title = 'x'  # y = 2": True,
+        "# [time]": False,
+        "#end_time = 0.5": False,
+        "  # a.b = 1": False,
+    }
+    assert html.case_lines("\n".join(lines)) == list(lines.items())
+
+
+@pytest.mark.parametrize(
+    ("given", "size"),
+    [
+        ({"LANG": "en_US.UTF-8"}, "letter"),
+        ({"LANG": "en_US.UTF-8", "LC_PAPER": "de_DE.UTF-8"}, "A4"),
+        ({"LANG": "de_DE", "LC_ALL": "es_MX@x"}, "letter"),
+        ({"LANG": "C.UTF-8"}, "A4"),
+        ({}, "A4"),
+    ],
+)
+def test_paper_is_that_of_the_locale(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], size: str
+) -> None:
+    for name in ("LC_ALL", "LC_PAPER", "LANG"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    assert paper_size() == size
 
 
 def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:

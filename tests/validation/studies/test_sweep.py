@@ -22,7 +22,13 @@ from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.peers import adapters
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.states import Verdict
-from palpate.validation.studies.sweep import ends_of, finding_on_sames, ignored_by, sames_of
+from palpate.validation.studies.sweep import (
+    ends_of,
+    finding_on_sames,
+    ignored_by,
+    lead_of,
+    sames_of,
+)
 from palpate.validation.studies.sweep_runs import Run, linear_error, run_all
 
 
@@ -31,6 +37,9 @@ def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
+
+
+NEED = ("displacement_l2", "truth")
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -314,7 +323,9 @@ def test_each_element_answers_as_the_case_alone_and_is_named(
         assert 0.0 < errors[0] < errors[1]
     page = (folder / "report.html").read_text("utf-8")
     assert "linear and smoothed tetrahedra" in page
-    assert "fastsim, smoothed, green" in (folder / "displacement.svg").read_text("utf-8")
+    assert "fastsim, smoothed tetrahedra, Green strain" in (folder / "displacement.svg").read_text(
+        "utf-8"
+    )
     smoothed = tmp_path / "smoothed"
     done = palpate("sweep", case, *vary, "--element", "smoothed", "-o", smoothed)
     assert done.returncode == 0, done.stderr
@@ -347,3 +358,33 @@ def test_the_reference_is_solved_beside_where_asked_and_agrees(
     found = {(r["simulator"], r["element"]) for r in rows_of(folder)}
     both = (Simulator.FASTSIM, Simulator.REFERENCE)
     assert found == {(who, str(element)) for who in both for element in Element}
+
+
+def test_the_page_leads_with_up_to_where_linear_strain_may_stand_in(
+    write_case: Callable[..., Path],
+) -> None:
+    case = load_case(write_case())
+    axis = read_axis("load[0].factor=0.5,1,2", case)
+    base = solve(case.problem)
+    unit = base.displacement / np.linalg.norm(base.displacement)
+
+    def both(off: float, value: float) -> list[Run]:
+        states = {Strain.GREEN: unit, Strain.LINEAR: (1.0 + off) * unit}
+        return [
+            Run((value,), Simulator.FASTSIM, Element.LINEAR, strain,
+                dataclasses.replace(base, displacement=moved, strain=strain))
+            for strain, moved in states.items()
+        ]  # fmt: skip
+
+    # The last is within the limit once more, and beyond an excess: it is not allowed.
+    runs = [*both(0.03, 0.5), *both(0.2, 1.0), *both(0.01, 2.0)]
+    (limit,) = {s.limit for s in case.checks if (s.metric, s.against) == NEED} or {0.05}
+    assert 0.03 < limit < 0.2
+    allowed = f"{100.0 * limit:g} %"
+    found = lead_of([axis], runs, case)
+    assert found.startswith("Linear strain may stand in for Green's up to load[0].factor = 0.5")
+    assert f"(3 % off; allowed: {allowed}" in found
+    assert found.endswith("not at 1 (20 %).")
+    assert "may not stand in" in lead_of([axis], both(0.2, 1.0), case)
+    assert "at every value" in lead_of([axis], both(0.01, 1.0), case)
+    assert lead_of([axis], both(0.01, 1.0)[:1], case) == ""

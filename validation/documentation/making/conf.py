@@ -48,8 +48,15 @@ def _plain_text(*event: Any) -> None:
 
 
 def _levels(*event: Any) -> None:
-    """The theme's headings in the list of pages have no level, which screen readers want."""
+    """The theme's headings in the list of pages have no level, which screen readers want.
+
+    And what scrolls in itself (tables, code) is reached by the Tab key, to be scrolled by arrows.
+    """
     context = event[3]
+    body = context.get("body", "").replace("<pre>", '<pre tabindex="0">')
+    context["body"] = body.replace(
+        '<div class="table-wrapper', '<div tabindex="0" class="table-wrapper'
+    )
     tree = context.get("furo_navigation_tree", "")
     named = tree.replace('role="heading"', 'role="heading" aria-level="2"')
     context["furo_navigation_tree"] = named
@@ -65,7 +72,7 @@ def _inline(translator: Any, node: nodes.math) -> None:
 
 def _block(translator: Any, node: nodes.math_block) -> None:
     formula = convert(node.astext(), display="block")
-    translator.body.append(f'<div class="math-block">{formula}</div>\n')
+    translator.body.append(f'<div class="math-block" tabindex="0">{formula}</div>\n')
     raise nodes.SkipNode
 
 

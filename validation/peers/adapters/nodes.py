@@ -151,5 +151,5 @@ def _force(job: dict[str, Any], num_nodes: int, cells: Any, facets: Any, edges: 
         middles = len(points) + _edges_of(pushed, edges)
         force += np.bincount(middles.ravel(), thirds, num_nodes)[:, None] * traction
     else:
-        raise ValueError(f"loads of kind {', '.join(kinds)}")
+        raise ValueError(f"loads of kind {', '.join(sorted(kinds))}")
     return force

@@ -70,7 +70,12 @@ class Body(ABC):
         v = np.where(self.is_free, job.get("initial_velocity", u), 0.0)
         w = (1.0 + job["mass_damping"] * dt) * mass / dt**2
         states, per_output = [u], round(times[1] / dt)
-        for step in range(per_output * (len(times) - 1)):
+        count = per_output * (len(times) - 1)
+        if abs(per_output * dt - times[1]) > 1e-9 * dt:
+            # Outputs lie between steps: every step is sent, to the first behind the end.
+            per_output, count = 1, int(np.ceil(times[-1] / dt * (1.0 - 1e-9)))
+            times = dt * np.arange(count + 1)
+        for step in range(count):
             y = u + np.where(self.is_free, (mass * v / dt + force) / w, 0.0)
             new = y.copy() if self.starts_at_y else u.copy()
             for _ in range(self._iterations):
