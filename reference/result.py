@@ -160,6 +160,7 @@ class AdaptiveResult(ReferenceResult):
         differences: Relative differences from the mesh before [-], as estimates; infinite in the
             first row.
         bars: Relative error bars from the meshes up to each [-], as estimates.
+        smallest_det_fs: Smallest det F on each mesh [-], shape (num_meshes,).
         ended: Reason why there is no finer mesh.
         first: The state on the first mesh, where that is the case's.
     """
@@ -172,6 +173,7 @@ class AdaptiveResult(ReferenceResult):
     estimates: Values = field(default_factory=lambda: np.zeros((0, 0)))
     differences: Values = field(default_factory=lambda: np.zeros((0, 0)))
     bars: Values = field(default_factory=lambda: np.zeros((0, 0)))
+    smallest_det_fs: Values = field(default_factory=lambda: np.zeros(0))
     ended: str = ""
     first: ReferenceResult | None = None
 

@@ -242,7 +242,11 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
-    "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
+    "reference": (
+        10560,
+        "issue 35: contact over facets; issue 36: masses on the surface; "
+        "issue 39: where the truth has no limit, and where it is one of several",
+    ),
     "validation": (
         47100,
         "issue 36: measured tracks, and fits to them; "
@@ -270,8 +274,9 @@ LINES = {
     "validation/exchange": (1500, "as of 24 November 2026"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        3620,
-        "issue 34: what results, models and files may not do; issue 38: no truth without a result",
+        3720,
+        "issue 34: what results, models and files may not do; issue 38: no truth without a result; "
+        "issue 39: corners and branches",
     ),
     "validation/live": (
         3060,
@@ -282,7 +287,10 @@ LINES = {
         "issue 33: one way to measure; issue 36: tracks of markers on a real body",
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
-    "validation/references": (3400, "issue 34: what results, models and files may not do"),
+    "validation/references": (
+        3560,
+        "issue 34: what results, models and files may not do; issue 39: corners and branches",
+    ),
     "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
     "validation/studies": (
         4560,

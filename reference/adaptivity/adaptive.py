@@ -26,7 +26,7 @@ from palpate.reference.adaptivity.duals import (
     solve_duals,
     worst_of,
 )
-from palpate.reference.adaptivity.error_bars import error_bars
+from palpate.reference.adaptivity.error_bars import error_bars, goes_towards_inversion
 from palpate.reference.adaptivity.first_mesh import first_mesh
 from palpate.reference.adaptivity.goals import (
     Budget,
@@ -35,6 +35,7 @@ from palpate.reference.adaptivity.goals import (
     difference,
     has_limit,
     has_point_forces,
+    softens,
 )
 from palpate.reference.deformed_state import least_moduli
 from palpate.reference.discrete_problem import DiscreteProblem
@@ -72,6 +73,7 @@ class History:
         """
         mesh: dict[str, Any] = {
             "num_cells": found.problem.mesh.num_cells,
+            "smallest_det_fs": found.smallest_det_f,
             "num_unknowns": int(fenicsx.total(found.discrete.num_dofs)),
             "estimates": [float(errors[goal].sum()) for goal in self._goals],
             "differences": [
@@ -91,9 +93,13 @@ class History:
             for k, name in enumerate(self._names)
         }
         bars = error_bars(series)
+        is_softening = softens(problem, state.strain) and goes_towards_inversion(
+            [of["smallest_det_fs"] for of in self.meshes]
+        )
         mesh["bars"] = [
             bars[goal.called]
             if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+            and not (is_softening and goal.quantity.is_of_points)
             else math.inf
             for goal in self._goals
         ]

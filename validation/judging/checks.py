@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -28,6 +28,7 @@ from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, is_still, 
 from palpate.validation.metrics.difference import are_measurable
 from palpate.validation.metrics.motion import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
+from palpate.validation.references.adaptive_truth import ADAPTIVE, why_without_limit
 from palpate.validation.references.bars import BarParts, name_of_part
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
@@ -404,6 +405,9 @@ class CaseJudge:
             parts=parts,
             shape=self._shape() if parts.geometry else "",
         )
+        why = self._why_no_bar(spec)
+        if why and found.verdict is Verdict.INCONCLUSIVE and math.isinf(parts.whole):
+            found = dataclasses.replace(found, message=f"{found.message}; {why}")
         if spec.is_of_truth_alone:
             return found
         return dataclasses.replace(found, element=self.references.element)
@@ -475,6 +479,15 @@ class CaseJudge:
             parts = BarParts(discretisation=bar, geometry=geometry)
             self._bars_of_integrals[spec] = parts
         return self._bars_of_integrals[spec]
+
+    def _why_no_bar(self, spec: CheckSpec) -> str:
+        """Why the truth's meshes leave a check without a bar; "" where nobody knows."""
+        if spec.against != "truth":
+            return ""
+        strain, problem = self.strain_of(spec), self.problem
+        records = self.references.provenance.get(ADAPTIVE)
+        record = records.get(strain.value) if isinstance(records, Mapping) else None
+        return why_without_limit(record, problem, strain, metric_of_bar(spec))
 
     def _why_missing(self, spec: CheckSpec) -> str:
         """Why there is no reference for a check; "" where there is, or nobody knows."""
