@@ -288,7 +288,7 @@ LINES = {
     ),
     "validation/peers": (6760, "issue 40: released versions, two more simulators, XPBD"),
     "validation/references": (
-        3560,
+        3620,
         "issue 34: what results, models and files may not do; issue 39: corners and branches",
     ),
     "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),

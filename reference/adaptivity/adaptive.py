@@ -37,6 +37,7 @@ from palpate.reference.adaptivity.goals import (
     has_point_forces,
     softens,
 )
+from palpate.reference.branches import find_stability
 from palpate.reference.deformed_state import least_moduli
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
@@ -50,12 +51,14 @@ class History:
 
     Attributes:
         meshes: For each mesh the fields of `AdaptiveResult` that have a row for it.
+        stability: Of the first mesh, by `find_stability`.
     """
 
     def __init__(self, goals: Sequence[Goal]) -> None:
         self._goals = tuple(goals)
         self._names = tuple(goal.called for goal in goals)
         self._last: ReferenceResult | None = None
+        self.stability = math.nan, math.nan
         self.meshes: list[dict[str, Any]] = []
 
     def add(
@@ -149,6 +152,8 @@ class History:
             **by_mesh,
             quantities=self._names,
             tolerances=tuple(goal.tolerance for goal in self._goals),
+            lowest_eigenvalue=self.stability[0],
+            load_over_critical=self.stability[1],
             ended=end,
             first=first,
         )
@@ -270,6 +275,8 @@ def solve_adaptively(
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
         if first is None and current is problem:
             first = state
+        if not history.meshes:
+            history.stability = find_stability(found)
         history.add(problem, found, state, errors, began)
         tell(history.line())
         end = history.met()

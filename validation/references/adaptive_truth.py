@@ -141,7 +141,7 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
     """The sequence of meshes as plain values; JSON knows no infinity: None."""
 
     def column(values: Any, k: int) -> list[float | None]:
-        return [float(v) if math.isfinite(v) else None for v in values[:, k]]
+        return [_finite(v) for v in values[:, k]]
 
     return {
         "degree": found.degree,
@@ -150,6 +150,8 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
         "cells": [int(n) for n in found.num_cells],
         "unknowns": [int(n) for n in found.num_unknowns],
         "smallest_det_f": [float(f"{d:.6g}") for d in found.smallest_det_fs],
+        "lowest_eigenvalue": _finite(found.lowest_eigenvalue),
+        "load_over_critical": _finite(found.load_over_critical),
         "seconds": [round(float(s), 1) for s in found.seconds],
         "metrics": {
             name: {
@@ -160,6 +162,10 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
             for k, name in enumerate(found.quantities)
         },
     }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def why_without_limit(record: Any, problem: Problem, strain: Strain, metric: str) -> str:
