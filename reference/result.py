@@ -160,6 +160,11 @@ class AdaptiveResult(ReferenceResult):
         differences: Relative differences from the mesh before [-], as estimates; infinite in the
             first row.
         bars: Relative error bars from the meshes up to each [-], as estimates.
+        smallest_det_fs: Smallest det F on each mesh [-], shape (num_meshes,).
+        lowest_eigenvalue: Of the tangent over that at rest, on the first mesh [-]: 0 where a branch
+            begins; nan where it is not asked (see `branches`).
+        load_over_critical: The load over the first critical one of linear buckling, on the first
+            mesh [-]: above 1 the state is one of several; nan where it is not asked.
         ended: Reason why there is no finer mesh.
         first: The state on the first mesh, where that is the case's.
     """
@@ -172,6 +177,9 @@ class AdaptiveResult(ReferenceResult):
     estimates: Values = field(default_factory=lambda: np.zeros((0, 0)))
     differences: Values = field(default_factory=lambda: np.zeros((0, 0)))
     bars: Values = field(default_factory=lambda: np.zeros((0, 0)))
+    smallest_det_fs: Values = field(default_factory=lambda: np.zeros(0))
+    lowest_eigenvalue: float = math.nan
+    load_over_critical: float = math.nan
     ended: str = ""
     first: ReferenceResult | None = None
 

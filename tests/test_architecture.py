@@ -245,9 +245,13 @@ LINES = {
         13060,
         "issue 35: contact over facets; issue 36: sensitivities of equilibria; small swings",
     ),
-    "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
+    "reference": (
+        10560,
+        "issue 35: contact over facets; issue 36: masses on the surface; "
+        "issue 39: where the truth has no limit, and where it is one of several",
+    ),
     "validation": (
-        49300,
+        49600,
         "issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
@@ -281,9 +285,9 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4400,
+        4500,
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
-        "where a motion leaves; issue 36: verdicts on measurements",
+        "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
         3060,
@@ -295,11 +299,14 @@ LINES = {
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
     "validation/peers": (6860, "issue 40: released versions, three more simulators, XPBD"),
-    "validation/references": (3420, "issue 38: steps that do not divide the outputs"),
+    "validation/references": (
+        3640,
+        "issue 38: steps that do not divide the outputs; issue 39: corners and branches",
+    ),
     "validation/report": (
         3850,
-        "issue 38: first screen, paper, inclusions, animations; issue 36: measured beside computed; "
-        "issue 35: layers between clamps",
+        "issue 38: first screen, paper, inclusions, animations; issue 35: layers between clamps; "
+        "issue 36: measured beside computed",
     ),
     "validation/studies": (
         4800,

@@ -26,7 +26,7 @@ from palpate.reference.adaptivity.duals import (
     solve_duals,
     worst_of,
 )
-from palpate.reference.adaptivity.error_bars import error_bars
+from palpate.reference.adaptivity.error_bars import error_bars, goes_towards_inversion
 from palpate.reference.adaptivity.first_mesh import first_mesh
 from palpate.reference.adaptivity.goals import (
     Budget,
@@ -35,7 +35,9 @@ from palpate.reference.adaptivity.goals import (
     difference,
     has_limit,
     has_point_forces,
+    softens,
 )
+from palpate.reference.branches import find_stability
 from palpate.reference.deformed_state import least_moduli
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
@@ -49,12 +51,14 @@ class History:
 
     Attributes:
         meshes: For each mesh the fields of `AdaptiveResult` that have a row for it.
+        stability: Of the first mesh, by `find_stability`.
     """
 
     def __init__(self, goals: Sequence[Goal]) -> None:
         self._goals = tuple(goals)
         self._names = tuple(goal.called for goal in goals)
         self._last: ReferenceResult | None = None
+        self.stability = math.nan, math.nan
         self.meshes: list[dict[str, Any]] = []
 
     def add(
@@ -72,6 +76,7 @@ class History:
         """
         mesh: dict[str, Any] = {
             "num_cells": found.problem.mesh.num_cells,
+            "smallest_det_fs": found.smallest_det_f,
             "num_unknowns": int(fenicsx.total(found.discrete.num_dofs)),
             "estimates": [float(errors[goal].sum()) for goal in self._goals],
             "differences": [
@@ -91,9 +96,13 @@ class History:
             for k, name in enumerate(self._names)
         }
         bars = error_bars(series)
+        is_softening = softens(problem, state.strain) and goes_towards_inversion(
+            [of["smallest_det_fs"] for of in self.meshes]
+        )
         mesh["bars"] = [
             bars[goal.called]
             if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+            and not (is_softening and goal.quantity.is_of_points)
             else math.inf
             for goal in self._goals
         ]
@@ -143,6 +152,8 @@ class History:
             **by_mesh,
             quantities=self._names,
             tolerances=tuple(goal.tolerance for goal in self._goals),
+            lowest_eigenvalue=self.stability[0],
+            load_over_critical=self.stability[1],
             ended=end,
             first=first,
         )
@@ -264,6 +275,8 @@ def solve_adaptively(
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
         if first is None and current is problem:
             first = state
+        if not history.meshes:
+            history.stability = find_stability(found)
         history.add(problem, found, state, errors, began)
         tell(history.line())
         end = history.met()

@@ -37,10 +37,16 @@ two meshes in a row, and both differences are too small: its bar is at least PAR
 
 Where the ratio is above LARGEST_RATIO nothing can be concluded, and the bar is infinite. Where the
 last two differences are at most NOISE, the bar is SAFETY NOISE.
+
+At a clamped corner under compression strains grow without bound as cells shrink, and
+Saint-Venant-Kirchhoff loses its resistance: finer meshes invert there, and there is no limit that
+differences of coarser ones could tend to. Where the smallest det F of the meshes goes that way (see
+`goes_towards_inversion`), what depends on single points and edges has no bar.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -63,6 +69,10 @@ PART_OF_ESTIMATE = 0.1
 # for two grids (ASME J. Fluids Eng. 116, 1994).
 LEAST_RATIO_OF_TWO = 0.5
 SAFETY_OF_TWO = 3.0
+# Stretch below which Saint-Venant-Kirchhoff softens, 1 / 3^(1/2): det F without transverse strain.
+DET_F_OF_SOFTENING = 3.0**-0.5
+# A truth of twice 3.6 times the cells is what its bar should hold against.
+_MESHES_AHEAD = 2
 # Relative error of a number due to solving to 1e-10 of the forces.
 NOISE = 1e-8
 
@@ -140,6 +150,26 @@ def error_bar(
         return math.inf
     apart = max(last, (of_estimates if is_norm else ratio) * before)
     return max(SAFETY * apart * ratio / (1.0 - ratio), SAFETY * NOISE)
+
+
+def goes_towards_inversion(smallest_det_f: Sequence[float]) -> bool:
+    """Whether the smallest det F of a sequence of meshes has no limit short of an inverted cell.
+
+    It has fallen on each of the last two refinements, and where 1 - det F goes on growing as on the
+    last one, det F is below DET_F_OF_SOFTENING on the second mesh from the last. One refinement
+    alone shows no trend.
+
+    Args:
+        smallest_det_f: On each mesh [-], of Saint-Venant-Kirchhoff under Green strain.
+
+    >>> goes_towards_inversion([0.79, 0.77, 0.71]), goes_towards_inversion([0.95, 0.94, 0.92])
+    (True, False)
+    """
+    last = smallest_det_f[-3:]
+    if len(last) < 3 or not all(b < a < 1.0 for a, b in itertools.pairwise(last)):
+        return False
+    before, now = (1.0 - value for value in last[-2:])
+    return bool(now * (now / before) ** _MESHES_AHEAD >= 1.0 - DET_F_OF_SOFTENING)
 
 
 def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:

@@ -87,6 +87,16 @@ class Quantity(StrEnum):
         )
 
     @property
+    def is_of_points(self) -> bool:
+        """Whether it depends on single points, edges or cells: one corner decides about it."""
+        return self in (
+            Quantity.DISPLACEMENT_MAX,
+            Quantity.MAX_DISPLACEMENT,
+            Quantity.SURFACE_AREA,
+            Quantity.STRESS_L2,
+        )
+
+    @property
     def bounded_by(self) -> Quantity | None:
         """The quantity whose error is an upper bound of this one's, if there is one."""
         return Quantity.DISPLACEMENT_MAX if self is Quantity.MAX_DISPLACEMENT else None
@@ -167,6 +177,11 @@ def has_limit(quantity: Quantity, strain: Strain, *, has_point_forces: bool) -> 
     return not has_point_forces or (
         strain is Strain.LINEAR and quantity in (Quantity.DISPLACEMENT_L2, Quantity.TOOL_FORCE)
     )
+
+
+def softens(problem: Problem, strain: Strain) -> bool:
+    """Whether compression takes the body's resistance: Saint-Venant-Kirchhoff at finite strain."""
+    return strain is Strain.GREEN and problem.material.law.is_linear_in_strain
 
 
 def has_point_forces(problem: Problem, state: ReferenceResult) -> bool:

@@ -17,6 +17,7 @@ from palpate.reference.adaptivity.error_bars import (
     SAFETY,
     error_bar,
     error_bars,
+    goes_towards_inversion,
 )
 from palpate.reference.adaptivity.goals import Quantity
 
@@ -134,3 +135,15 @@ def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():
     assert error_bar([0.01, 0.005], [0.01, 0.01, 0.0099]) == math.inf
     assert error_bar([0.01, math.inf], [0.04, 0.02, 0.01]) == math.inf
     assert error_bar([1e-12, 1e-12], [1e-12] * 3) == SAFETY * NOISE
+
+
+def test_a_trend_towards_inversion_needs_two_refinements_that_are_not_settling():
+    # 1 - det F grows by 2^(1/2) a mesh, as strain at a clamp: 0.3, 0.42, then 0.6 and 0.85.
+    assert goes_towards_inversion([0.9, 0.788, 0.7, 0.576])
+    # The same from 0.1 on is 0.2 after two more meshes, far above softening at 0.577.
+    assert not goes_towards_inversion([0.95, 0.929, 0.9])
+    # Settling at 0.6: 1 - det F grows by 1.03 alone, to 0.41 < 0.4226.
+    assert not goes_towards_inversion([0.7, 0.63, 0.62])
+    assert not goes_towards_inversion([0.7, 0.5])
+    assert not goes_towards_inversion([0.5, 0.6, 0.4])
+    assert not goes_towards_inversion([1.2, 1.1, 1.05])

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,9 @@ from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, is_still, 
 from palpate.validation.metrics.difference import are_measurable
 from palpate.validation.metrics.motion import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
+from palpate.validation.references.adaptive_truth import ADAPTIVE, why_without_limit
 from palpate.validation.references.bars import BarParts, name_of_part
+from palpate.validation.references.branches import EXPLAINED, load_over_critical, mirror_images
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
 
@@ -376,6 +379,7 @@ class CaseJudge:
     case: Case
     references: ReferenceSet
     granted: tuple[CheckSpec, ...] | None = None
+    _images: dict[State, tuple[State, ...]] = field(default_factory=dict, init=False)
     _bars_of_integrals: dict[CheckSpec, BarParts] = field(default_factory=dict, init=False)
 
     @property
@@ -407,6 +411,10 @@ class CaseJudge:
             parts=parts,
             shape=self._shape() if parts.geometry else "",
         )
+        why = self._why_no_bar(spec)
+        if why and found.verdict is Verdict.INCONCLUSIVE and math.isinf(parts.whole):
+            found = dataclasses.replace(found, message=f"{found.message}; {why}")
+        found = self._beside_branches(spec, candidate, found)
         if spec.is_of_truth_alone:
             return found
         return dataclasses.replace(found, element=self.references.element)
@@ -478,6 +486,49 @@ class CaseJudge:
             parts = BarParts(discretisation=bar, geometry=geometry)
             self._bars_of_integrals[spec] = parts
         return self._bars_of_integrals[spec]
+
+    def _why_no_bar(self, spec: CheckSpec) -> str:
+        """Why the truth's meshes leave a check without a bar; "" where nobody knows."""
+        if spec.against != "truth":
+            return ""
+        strain, record = self.strain_of(spec), self._record(spec)
+        return why_without_limit(record, self.problem, strain, metric_of_bar(spec))
+
+    def _record(self, spec: CheckSpec) -> Any:
+        """The record of the truth's meshes; None where there is none."""
+        records = self.references.provenance.get(ADAPTIVE)
+        strain = self.strain_of(spec)
+        return records.get(strain.value) if isinstance(records, Mapping) else None
+
+    def _beside_branches(
+        self, spec: CheckSpec, candidate: State | None, found: CheckResult
+    ) -> CheckResult:
+        """The check, inconclusive where the reference's own mirror image explains why it failed.
+
+        Only past the critical load that the reference found; whatever the candidate says of itself.
+        """
+        share = load_over_critical(self._record(spec))
+        is_failed = found.verdict is Verdict.FAILED and found.value is not None
+        reference = self._reference(spec)
+        if not (is_failed and share > 1.0 and spec.about.is_compared and candidate and reference):
+            return found
+        if reference not in self._images:
+            self._images[reference] = tuple(mirror_images(self.problem, reference))
+        part = part_of(spec, self.problem, self.case.spec.units)
+        errors = {
+            image.label: measure(spec.metric, self.problem, candidate, image, part).value
+            for image in self._images[reference]
+        }
+        nearest = min(errors, key=lambda label: errors[label], default="")
+        assert found.value is not None
+        if not nearest or not errors[nearest] <= EXPLAINED * found.value:
+            return found
+        message = (
+            f"{found.message}; the load is {share:.3g} times the first critical one, so that the "
+            f"reference is one of several equilibria: the result is {errors[nearest]:.2g} from its "
+            f"{nearest}, which is as good; add a load or an imperfection that prefers one side"
+        )
+        return dataclasses.replace(found, verdict=Verdict.INCONCLUSIVE, message=message)
 
     def _why_missing(self, spec: CheckSpec) -> str:
         """Why there is no reference for a check; "" where there is, or nobody knows."""

@@ -143,11 +143,13 @@ def _judge_one(
     progress: Progress,
 ) -> CaseResult:
     """One candidate with every reference of the case."""
+    from palpate.validation.references.branches import says_of_branches
     from palpate.validation.references.geometry import geometry_notes
 
     problem, element = case.problem, judged.element
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
+    notes.extend(says_of_branches(references.provenance))
     notes.extend(geometry_notes(case, references))
     candidates: dict[Strain, State] = {}
     sent: list[State] = []

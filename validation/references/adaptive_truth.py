@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
-from palpate.reference.result import AdaptiveResult, formulation_for
+from palpate.reference.result import LOST, AdaptiveResult, formulation_for
 from palpate.validation.metrics import WHOLE_BODY_METRICS, Part, stress_integrals
 from palpate.validation.references.bars import NOISE, name_of_part
 from palpate.validation.references.reference_set import TRUTH
@@ -141,7 +141,7 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
     """The sequence of meshes as plain values; JSON knows no infinity: None."""
 
     def column(values: Any, k: int) -> list[float | None]:
-        return [float(v) if math.isfinite(v) else None for v in values[:, k]]
+        return [_finite(v) for v in values[:, k]]
 
     return {
         "degree": found.degree,
@@ -149,6 +149,9 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
         "ended": found.ended,
         "cells": [int(n) for n in found.num_cells],
         "unknowns": [int(n) for n in found.num_unknowns],
+        "smallest_det_f": [float(f"{d:.6g}") for d in found.smallest_det_fs],
+        "lowest_eigenvalue": _finite(found.lowest_eigenvalue),
+        "load_over_critical": _finite(found.load_over_critical),
         "seconds": [round(float(s), 1) for s in found.seconds],
         "metrics": {
             name: {
@@ -159,6 +162,36 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
             for k, name in enumerate(found.quantities)
         },
     }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def why_without_limit(record: Any, problem: Problem, strain: Strain, metric: str) -> str:
+    """Why the meshes of a record leave a metric without a bar; empty where they leave one.
+
+    A record, which anybody may have written, of an older version has no smallest det F.
+    """
+    from palpate.reference.adaptivity.error_bars import goes_towards_inversion
+    from palpate.reference.adaptivity.goals import Quantity, softens
+
+    if not isinstance(record, Mapping):
+        return ""
+    ended, values = record.get("ended"), record.get("smallest_det_f")
+    if isinstance(ended, str) and ended.startswith(LOST):
+        return f"the truth has no limit: {ended}"
+    name = metric.partition("@")[0]
+    is_of_points = name in {str(q) for q in Quantity} and Quantity(name).is_of_points
+    if not (is_of_points and softens(problem, strain) and isinstance(values, list)):
+        return ""
+    if not all(isinstance(v, int | float) for v in values) or not goes_towards_inversion(values):
+        return ""
+    shown = ", ".join(f"{v:.3g}" for v in values)
+    return (
+        f"the truth's smallest det F falls with every mesh ({shown}): a cell inverts at a corner "
+        f"as the mesh is refined, so that {name} has no limit; round the corner or lower the load"
+    )
 
 
 def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:

@@ -31,6 +31,7 @@ from palpate.validation.references.adaptive_truth import (
     least_apart,
     most_apart,
     recorded_bars,
+    why_without_limit,
 )
 from palpate.validation.references.bars import NOISE, PARTS, read_row
 from palpate.validation.references.reference_set import (
@@ -103,7 +104,7 @@ def _unexplained(problem: Problem, references: ReferenceSet) -> Iterator[str]:
     for key in _PROVENANCE:
         if not references.provenance.get(key):
             yield f"its provenance says no {key}"
-    explained = _Records(references.provenance).least_bars()
+    explained = _Records(references.provenance).least_bars(problem)
     for (metric, strain), bar in references.bars.items():
         if math.isfinite(bar) and not math.isfinite(explained.get((metric, strain), math.inf)):
             yield f"error bar of {metric}, {strain} strain: {bar:.4g}, with no record of meshes"
@@ -154,7 +155,7 @@ def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
     """Bars below what the file's own record makes them, and truths that cannot be its."""
     yield from _wrong_parts(references)
     records = _Records(references.provenance)
-    least = records.least_bars()
+    least = records.least_bars(problem)
     for (metric, strain), bar in references.bars.items():
         name = f"error bar of {metric}, {strain} strain"
         if math.isnan(bar) or bar < 0.0:
@@ -191,7 +192,7 @@ class _Records:
         # Records of three meshes, each cut in eight.
         self._eighths = _table(provenance, "grid_convergence")
 
-    def least_bars(self) -> dict[tuple[str, Strain], float]:
+    def least_bars(self, problem: Problem) -> dict[tuple[str, Strain], float]:
         """The least bar that they allow: their own, those of time and mesh together."""
         least: dict[tuple[str, Strain], float] = {}
         for strain in Strain:
@@ -200,8 +201,12 @@ class _Records:
                     bar = _number(_table(table, metric), "error_bar")
                     own = math.inf if bar is None else bar
                     least[metric, strain] = least.get((metric, strain), 0.0) + own
-            adaptive = recorded_bars(_table(_table(self._adaptive, strain), "metrics"))
-            least |= {(metric, strain): bar for metric, bar in adaptive.items()}
+            record = _table(self._adaptive, strain)
+            adaptive = recorded_bars(_table(record, "metrics"))
+            least |= {
+                (name, strain): math.inf if why_without_limit(record, problem, strain, name) else b
+                for name, b in adaptive.items()
+            }
         return least
 
     def first_cells(self, strain: Strain) -> float | None:

@@ -222,7 +222,7 @@ def solve_live(
         labels = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
         states = {k: s for k, s in stored.states.items() if k[0] in labels} | run.states
         provenance["stored"] = dict(stored.provenance)
-        provenance |= {k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY)}
+        provenance |= {k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY, ADAPTIVE)}
         origin = f"{here}; the truth and its error bar stored (P2, finer meshes)"
         return ReferenceSet(states, dict(stored.bars), origin, run.failures, provenance)
     bars = estimate_bars(problem, run.states) | run.graded_bars

@@ -1,0 +1,190 @@
+"""Past the first critical load a truth is one of several: its images, and what checks say then."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from case_texts import BOX, END, FORCE
+
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.bricks import brick_box, side, support_of
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.reference.availability import is_available
+from palpate.validation.case import load_case
+from palpate.validation.judging.checks import CaseJudge
+from palpate.validation.metrics import make_state
+from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest
+from palpate.validation.references.branches import (
+    load_over_critical,
+    mirror_images,
+    says_of_branches,
+)
+from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
+from palpate.validation.references.statics import solve_live
+from palpate.validation.states import Verdict, in_silence
+
+if is_available():
+    from palpate.reference.branches import find_stability
+    from palpate.reference.statics import find_equilibrium
+
+GREEN = Strain.GREEN
+YOUNG = 1000.0
+LENGTH, WIDE, THIN = 10.0, 1.0, 0.8
+
+
+# pi^2 E I / (2 L)^2 of a column that is clamped at one end alone, over its section [Pa].
+EULER = math.pi**2 * YOUNG * THIN**2 / 12.0 / (4.0 * LENGTH**2)
+
+
+def column(factor, sideways=1e-6, count=12):
+    """A column of 10 x 1 x 0.8 m, nu = 0, pressed along x at `factor` times Euler's load."""
+    mesh = brick_box((count, 1, 1), (LENGTH, WIDE, THIN))
+    pressure = factor * EULER
+    end = Traction(side(mesh, 0, LENGTH), (-pressure, 0.0, sideways * pressure))
+    return Problem(mesh, Material(YOUNG, 0.0), (support_of(side(mesh, 0, 0.0)),), (end,))
+
+
+def bent(problem, size=1.0):
+    """The first mode of a clamped column, and the shortening of order two with it."""
+    x = problem.mesh.points[:, 0]
+    moved = np.zeros_like(problem.mesh.points)
+    moved[:, 2] = size * (1.0 - np.cos(math.pi * x / (2.0 * LENGTH)))
+    moved[:, 0] = -0.05 * size**2 * x / LENGTH
+    return moved
+
+
+def state_of(problem, displacement, label="reference"):
+    return make_state(problem.mesh, displacement, label=label, simulator=label, strain=GREEN)
+
+
+def names(problem):
+    return {image.label for image in mirror_images(problem, state_of(problem, bent(problem)))}
+
+
+def test_the_images_are_those_that_box_and_loads_allow():
+    problem = column(1.3)
+    # The box has three mirror planes; the clamp at x = 0 leaves those along y and z.
+    along = [f"mirror image along {axes}" for axes in ("y", "z", "y and z")]
+    assert names(problem) == set(along)
+    # A side force of a tenth of the axial one prefers a side: one mirror plane is left.
+    assert names(column(1.3, sideways=0.1)) == {along[0]}
+
+
+def test_equal_sides_may_change_places():
+    mesh = brick_box((6, 2, 2), (LENGTH, WIDE, WIDE))
+    pressed = Traction(side(mesh, 0, LENGTH), (-1.0, 0.0, 0.0))
+    square = Problem(mesh, Material(YOUNG, 0.0), (support_of(side(mesh, 0, 0.0)),), (pressed,))
+    # Of the eight symmetries of a square all but the identity.
+    assert len(names(square)) == 7
+    image = next(
+        image
+        for image in mirror_images(square, state_of(square, bent(square)))
+        if image.label == "image with x, z, y for x, y, z"
+    )
+    # A field of x alone is read exactly at mirrored points: bent along y, where it was along z.
+    np.testing.assert_allclose(image.displacement, bent(square)[:, [0, 2, 1]], atol=1e-12)
+
+
+def judged(write_case, share, candidate_of):
+    """A same-mesh check of a candidate against a column that is bent to one side."""
+    case = load_case(
+        str(
+            write_case(
+                (BOX, f'shape = "box"\nsize = [{LENGTH}, {WIDE}, {THIN}]\nedge_length = 1.0'),
+                (END, END.replace("1.999", "9.999")),
+                (FORCE, 'kind = "force"\nforce = [-1.0, 0.0, 1e-6]'),
+            )
+        )
+    )
+    reference = state_of(case.problem, bent(case.problem))
+    references = ReferenceSet(
+        {(SAME_MESH, GREEN): reference},
+        {},
+        "made by hand",
+        provenance={ADAPTIVE: {"green": {"load_over_critical": share}}},
+    )
+    candidate = state_of(case.problem, candidate_of(case.problem), "candidate")
+    return CaseJudge(case, references).check(case.checks[0], candidate)
+
+
+def other_side(problem):
+    """The mirror image, 3 % too large, as on a coarse mesh."""
+    return 1.03 * bent(problem, -1.0)
+
+
+def test_the_other_branch_is_inconclusive_and_says_so(write_case):
+    found = judged(write_case, 1.3, other_side)
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "1.3 times the first critical one" in found.message
+    assert "mirror image along z" in found.message
+
+
+@pytest.mark.parametrize("share", [0.9, None, "two"])
+def test_below_the_critical_load_or_without_a_record_there_is_one_branch(write_case, share):
+    assert judged(write_case, share, other_side).verdict is Verdict.FAILED
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros_like, lambda points: 0.3 * points],
+)
+def test_a_wrong_result_is_no_other_branch(write_case, wrong):
+    found = judged(write_case, 1.3, lambda problem: wrong(problem.mesh.points))
+    assert found.verdict is Verdict.FAILED
+
+
+def test_half_of_the_other_branch_is_none(write_case):
+    found = judged(write_case, 1.3, lambda problem: bent(problem, -0.4))
+    assert found.verdict is Verdict.FAILED
+
+
+def test_the_reader_is_told_what_the_record_says():
+    record = {"load_over_critical": 1.3}
+    (line,) = says_of_branches({ADAPTIVE: {"green": record}})
+    assert "1.3 times the first critical one" in line
+    assert "one of several" in line
+    assert list(says_of_branches({ADAPTIVE: {"green": {"load_over_critical": 0.9}}})) == []
+    assert list(says_of_branches({ADAPTIVE: "none"})) == []
+    assert load_over_critical({"load_over_critical": None}) == 0.0
+
+
+@pytest.mark.dolfinx
+def test_the_load_over_the_critical_one_is_eulers():
+    found = find_equilibrium(column(0.5), strain=GREEN, degree=2)
+    least, share = find_stability(found)
+    # Euler's load is of a column without shear: 1 / (1 + P / (5/6 G A)) with P / (E A) = 1.3e-3,
+    # and quadratic tetrahedra on one cell across are too stiff by up to 2 %.
+    assert share == pytest.approx(0.5, rel=0.02)
+    # Bending is left 1 - share of its stiffness, as the axial force is the load.
+    assert least == pytest.approx(1.0 - share, abs=0.01)
+    # In tension nothing buckles; the load's sign decides.
+    found = find_equilibrium(column(-0.5), strain=GREEN, degree=2)
+    assert find_stability(found)[1] < 0.1 * share
+    found = find_equilibrium(column(0.5), strain=Strain.LINEAR, degree=2)
+    assert all(math.isnan(value) for value in find_stability(found))
+
+
+@pytest.mark.dolfinx
+@pytest.mark.slow
+def test_a_truth_past_eulers_load_is_one_of_several():
+    problem = column(1.3)
+    guess = find_equilibrium(column(1.3, sideways=0.05), strain=GREEN, degree=2)
+    start = guess.discrete.at_points(guess.displacement)
+    request = TruthRequest(0.05, 60.0, start=start)
+    found = solve_live(
+        problem, in_silence, request=request, strains=(GREEN,), has_stress=False, unknowns=9e3
+    )
+    record = found.provenance[ADAPTIVE]["green"]
+    assert record["load_over_critical"] == pytest.approx(1.3, rel=0.02)
+    # The bent state is stable.
+    assert 0.0 < record["lowest_eigenvalue"] < 1.0
+    truth = found.truth(GREEN)
+    end = np.argmax(problem.mesh.points[:, 0])
+    assert truth.displacement[end, 2] > 1.0
+    images = {image.label: image for image in mirror_images(problem, truth)}
+    # The image is an equilibrium too: Newton's method stays there.
+    image = images["mirror image along z"].displacement
+    again = find_equilibrium(problem, strain=GREEN, degree=2, start=image)
+    assert again.discrete.at_points(again.displacement)[end, 2] < -1.0
