@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats
-from palpate.meshes.problem import Problem, Support
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.exchange.nodal_arrays import facet_areas, fixed_components
 from palpate.validation.exchange.point_location import locate
