@@ -248,9 +248,10 @@ LINES = {
         "issue 39: where the truth has no limit, and where it is one of several",
     ),
     "validation": (
-        47100,
+        47300,
         "issue 36: measured tracks, and fits to them; "
-        "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
+        "issue 39: one cause of all deformations of a law, branches and corners; "
+        "issue 40: history of released versions, "
         "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved",
@@ -291,7 +292,10 @@ LINES = {
         3620,
         "issue 34: what results, models and files may not do; issue 39: corners and branches",
     ),
-    "validation/report": (3450, "issue 38: the first screen; states that draw themselves"),
+    "validation/report": (
+        3580,
+        "issue 38: the first screen; states that draw themselves; issue 39: buckling in `check`",
+    ),
     "validation/studies": (
         4560,
         "issue 33: what tests prove is no study; issue 36: fits to measurements",

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats
-from palpate.meshes.problem import Problem, Support
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.exchange.nodal_arrays import facet_areas, fixed_components
 from palpate.validation.exchange.point_location import locate
@@ -47,7 +48,7 @@ def says_of_branches(provenance: Mapping[str, Any]) -> Iterator[str]:
         if share > 1.0:
             yield (
                 f"Truth, {strain} strain: the load is {share:.3g} times the first critical one "
-                "(linear buckling), so that it is one of several equilibria."
+                "(linear buckling): it is one of several equilibria."
             )
 
 
