@@ -3,13 +3,13 @@
 The tangent K(u) is compared with the tangent at rest, K0, so that both numbers have no unit:
 
     K(u) phi = kappa K0 phi          the least kappa: 1 at rest, 0 where a branch begins
-    (K0 + lambda K'[u_lin]) phi = 0  linear buckling, u_lin the linear solution, full load
+    (K0 + lambda G) phi = 0          linear buckling, G of the linear solution's stress S:
+                                     phi . G phi = integral of S : (grad phi)^T grad phi
 
-K'[u_lin] is the derivative of the tangent along u_lin (K. J. Bathe, Finite Element Procedures,
-1996, section 6.8.2, with the change by the displacement beside that by the stress). The load over
-the first critical one is the largest 1 / lambda: above 1 a body that is not quite straight has
-turned to one side, and to another it could have as well. Where a body has turned far, K0 is a
-stiff measure of what bends it: kappa is small there, and only its sign counts.
+(K. J. Bathe, Finite Element Procedures, 1996, section 6.8.2). The load over the first critical one
+is the largest 1 / lambda: above 1 a body that is not quite straight has turned to one side, and to
+another it could have as well. Where a body has turned far, K0 is a stiff measure of what bends it:
+kappa is small there, and only its sign counts.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.problem import Strain
 from palpate.reference import fenicsx
 from palpate.reference.discrete_problem import DiscreteProblem
+from palpate.reference.fenicsx import ufl
+from palpate.reference.laws import engineering_strain, second_piola_kirchhoff_stress
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.statics import Equilibrium
 
@@ -31,8 +33,9 @@ _PAIRS = 4
 # A truth on the case's mesh of more unknowns is not asked: its eigenpairs would take minutes.
 LARGEST = 60_000
 _TOLERANCE = 1e-6
-# Largest displacement over the body's size at which the tangent's slope is taken.
-_SMALL = 1e-4
+# Over the body's size: what moves farther under linear strain has other stresses at finite strain,
+# and its linear buckling says nothing.
+LARGEST_BEND = 0.2
 
 
 def find_stability(found: Equilibrium) -> tuple[float, float]:
@@ -41,7 +44,8 @@ def find_stability(found: Equilibrium) -> tuple[float, float]:
     Returns:
         kappa [-], and the largest 1 / lambda [-], 0 where no load of this direction is critical.
         Both are nan where they are not asked: under linear strain, of the mixed form, with tools
-        or following pressure, on several ranks, of more than LARGEST unknowns or less than twenty,
+        or following pressure, on several ranks, the second where the linear solution is large,
+        of more than LARGEST unknowns or less than twenty,
         or where no eigenpair was found.
     """
     discrete = found.discrete
@@ -80,30 +84,40 @@ class _Modes:
             pushed -= self._whole @ moved
         linear = moved
         linear[self._free] = solve(pushed[self._free])
-        points = eq.space.coordinates
-        size = float(np.ptp(points, axis=0).max())
-        largest = float(np.abs(linear).max())
-        if largest == 0.0:
-            solver.destroy()
-            return math.nan, math.nan
-        step = _SMALL * size / largest
-        slope = (self._matrix(step * linear) - self._matrix(-step * linear)) / (2.0 * step)
-        share = self._largest(-slope, solve)
+        size = float(np.ptp(eq.space.coordinates, axis=0).max())
+        is_small = 0.0 < float(np.abs(linear).max()) <= LARGEST_BEND * size
+        share = self._largest(-self._of_stress(linear), solve) if is_small else math.nan
         solver.destroy()
         solve, solver = self._factors(displacement)
         # 1 / kappa of K0 phi = (1 / kappa) K(u) phi, whose largest is that of the softest mode.
         softest = self._largest(self._at_rest, solve, self._matrix(displacement))
         solver.destroy()
-        return 1.0 / softest, max(share, 0.0)
+        return 1.0 / softest, max(share, 0.0) if math.isfinite(share) else share
 
     def _matrix(self, displacement: Floats) -> Any:
         """The tangent's free rows and columns, as a scipy matrix."""
+        return self._rows(self._discrete.tangent(displacement, 1.0))
+
+    def _rows(self, matrix: Any) -> Any:
         from scipy.sparse import csr_matrix
 
-        matrix = self._discrete.tangent(displacement, 1.0)
         rows, columns, values = matrix.getValuesCSR()
         self._whole = csr_matrix((values.copy(), columns.copy(), rows.copy()))
         return self._whole[self._free][:, self._free]
+
+    def _of_stress(self, linear: Floats) -> Any:
+        """G of the linear solution's stress."""
+        eq = self._discrete
+        eq.set_displacement(linear)
+        S = second_piola_kirchhoff_stress(engineering_strain(eq.u), *eq.lame)
+        trial = ufl.TrialFunction(eq.u.function_space)
+        form = fenicsx.form(ufl.inner(ufl.grad(trial) * S, ufl.grad(eq.v)) * ufl.dx)
+        matrix = fenicsx.create_matrix(form, [])
+        fenicsx.assemble_into_matrix(matrix, form)
+        turned = matrix if eq.frames is None else eq.frames.turned(matrix)
+        rows = self._rows(turned)
+        matrix.destroy()
+        return rows
 
     def _factors(self, displacement: Floats) -> tuple[Any, LinearSolver]:
         """A function that solves with the tangent at a displacement, and the solver behind it."""

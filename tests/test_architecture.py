@@ -253,7 +253,8 @@ LINES = {
     "validation": (
         49600,
         "issue 36: measured tracks, and fits to them; "
-        "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
+        "issue 39: one cause of all deformations of a law, branches and corners; "
+        "issue 40: history of released versions, "
         "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",

@@ -48,7 +48,7 @@ def says_of_branches(provenance: Mapping[str, Any]) -> Iterator[str]:
         if share > 1.0:
             yield (
                 f"Truth, {strain} strain: the load is {share:.3g} times the first critical one "
-                "(linear buckling), so that it is one of several equilibria."
+                "(linear buckling): it is one of several equilibria."
             )
 
 

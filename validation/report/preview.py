@@ -21,6 +21,7 @@ from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
 from palpate.validation.exchange.nodal_arrays import are_among, facet_areas
+from palpate.validation.report.buckling import load_over_critical
 from palpate.validation.report.estimates import (
     MOST_CELLS,
     STUDY,
@@ -36,6 +37,8 @@ from palpate.validation.states import CandidateFailedError, State
 _SMALL_ANGLE = 5.0
 _NEAR_INCOMPRESSIBLE = 0.45
 _LARGE_PART = 0.05
+# Of the first critical load: below a tenth bending is softer by at most that.
+_WORTH_SAYING = 0.1
 # The missing fraction in bending above which a warning is given: smoothed tetrahedra are meant to
 # be accurate; linear ones are known to be stiff, and a third is more than that.
 _TOO_STIFF = {Element.SMOOTHED: 0.05, Element.LINEAR: 1.0 / 3.0}
@@ -330,6 +333,22 @@ def _costs(about: Description, problem: Problem, units: Units) -> None:
         )
     elif moved == 0.0:
         about.warnings.append("nothing moves under these loads: is the loaded part fixed?")
+    if moved > 0.0:
+        _buckling(about, problem)
+
+
+def _buckling(about: Description, problem: Problem) -> None:
+    """Report the load over the first critical one, where it is within a factor of ten of it."""
+    share = load_over_critical(problem)
+    if share is None or share < _WORTH_SAYING:
+        return
+    about.say("buckling", f"{share:.2g} times its first critical load (linear, smoothed cells)")
+    if share > 1.0:
+        about.warnings.append(
+            f"the load is {share:.2g} times the first critical one (linear buckling): Green strain "
+            "has several equilibria, and two right solvers may find different ones; add a small "
+            "load that prefers one side, or lower the load"
+        )
 
 
 def _misses(about: Description, case: Case, problem: Problem) -> None:

@@ -23,6 +23,8 @@ from palpate.validation.references.branches import (
 )
 from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.references.statics import solve_live
+from palpate.validation.report.buckling import load_over_critical as load_of_check
+from palpate.validation.report.preview import describe_case
 from palpate.validation.states import Verdict, in_silence
 
 if is_available():
@@ -148,6 +150,34 @@ def test_the_reader_is_told_what_the_record_says():
     assert list(says_of_branches({ADAPTIVE: {"green": {"load_over_critical": 0.9}}})) == []
     assert list(says_of_branches({ADAPTIVE: "none"})) == []
     assert load_over_critical({"load_over_critical": None}) == 0.0
+
+
+def slender(write_case, force):
+    """`palpate check` of a column of 10 x 1 x 0.8 m: E = 1000 Pa, nu = 0.3."""
+    changes = (
+        (BOX, f'shape = "box"\nsize = [{LENGTH}, {WIDE}, {THIN}]\nedge_length = 0.4'),
+        (END, END.replace("1.999", "9.999")),
+        (FORCE, f'kind = "force"\nforce = [{force}, 0.0, 0.0]'),
+    )
+    return describe_case(load_case(str(write_case(*changes))))
+
+
+def test_check_warns_of_a_load_past_eulers(write_case):
+    # Euler's load is EULER times the section 0.8 m2; 1.3 times it is 1.37 N.
+    force = 1.3 * EULER * WIDE * THIN
+    (warning,) = [w for w in slender(write_case, -force).warnings if "buckling" in w]
+    # On this mesh the column is too stiff by some per cent.
+    assert 1.1 < float(warning.split()[3]) < 1.4
+    for harmless in (-force / 2.0, force):
+        assert not any("buckling" in w for w in slender(write_case, harmless).warnings)
+
+
+def test_linear_buckling_of_the_case_is_eulers():
+    # By 30 cells along it; they are too stiff by 1 %, and 12 by 27 %.
+    assert load_of_check(column(1.3, count=30)) == pytest.approx(1.3, rel=0.02)
+    assert load_of_check(column(-1.3, count=30)) == 0.0
+    # A side force that bends it by more than a fifth of its length leaves nothing to be said.
+    assert load_of_check(column(1.3, sideways=1.0, count=30)) is None
 
 
 @pytest.mark.dolfinx
