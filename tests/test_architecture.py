@@ -235,31 +235,40 @@ def test_no_two_files_import_one_another_in_a_circle() -> None:
 # Lines of Python at most, blank lines counted. Raising one takes a reason in its row.
 LINES = {
     "meshes": (
-        8520,
-        "issue 37: surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
+        8970,
+        "issue 37: label images and the walls between labels; surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
         "issue 38: gravity and spread_force for a first script; "
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
-    "fastsim": (12900, "issue 35: contact over facets; issue 36: sensitivities of equilibria"),
+    "fastsim": (
+        12950,
+        "issue 37: regions with common walls; issue 35: contact over facets; issue 36: sensitivities of equilibria",
+    ),
     "reference": (10250, "issue 35: contact over facets; issue 36: masses on the surface"),
     "validation": (
-        47100,
-        "issue 36: measured tracks, and fits to them; "
+        47450,
+        "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law; issue 40: history of released versions, "
         "more simulators; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved",
     ),
     "tests": (
-        57400,
-        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        57650,
+        "issue 37: label images; issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, fits to measurements; issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
-    "validation/case": (3230, "issue 36: [[mass]]; issue 38: the first case marks every guess"),
-    "validation/commands": (2420, "issue 40: history of releases; issue 38: `init --copy`"),
+    "validation/case": (
+        3430,
+        "issue 37: bodies of label images; issue 36: [[mass]]; issue 38: the first case marks every guess",
+    ),
+    "validation/commands": (
+        2550,
+        "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`",
+    ),
     "validation/diagnosis": (
         2370,
         "issue 40: Lamé's parameters by name, constants of stable laws; "

@@ -17,6 +17,7 @@ from palpate.meshes.label_surfaces import make_surfaces, separate_touching
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.body_schema import InclusionSpec
 from palpate.validation.case.label_bodies import mesh_labels
+from palpate.validation.case.load import load_case
 from palpate.validation.cli import app
 from tests.meshes.label_phantom import NAMES, phantom_labels
 
@@ -164,3 +165,40 @@ def test_an_inclusion_is_a_region_a_surface_or_a_label() -> None:
     assert InclusionSpec.model_validate({**table, "label": "tumour"}).label == "tumour"
     with pytest.raises(ValueError, match="exactly one of region, surface, label"):
         InclusionSpec.model_validate({**table, "label": "tumour", "surface": "a.stl"})
+
+
+def test_a_case_gives_each_label_its_material(tmp_path: Path) -> None:
+    labels = np.zeros((8, 6, 6), np.int32)
+    labels[1:4, 1:5, 1:5] = 1
+    labels[4:7, 1:5, 1:5] = 2
+    path = nifti(tmp_path / "l.nii", labels.astype(np.uint8), np.eye(4))
+    words = ["mesh", str(path), "--label", "1=liver", "--label", "2=tumour"]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "organ.vtu")])
+    assert done.exit_code == 0, done.output
+    (tmp_path / "case.toml").write_text(CASE)
+    problem = load_case(tmp_path / "case.toml").problem
+    (tumour,) = problem.inclusions
+    assert tumour.material.youngs_modulus == 3e4
+    np.testing.assert_array_equal(tumour.cells, problem.mesh.cell_groups["tumour"])
+    (tmp_path / "case.toml").write_text(CASE.replace('"tumour"', '"cyst"'))
+    with pytest.raises(InputError, match="no group of cells 'cyst'"):
+        load_case(tmp_path / "case.toml").problem  # noqa: B018
+
+
+CASE = """
+name = "labels"
+[units]
+length = "mm"
+[geometry]
+mesh = "organ.vtu"
+[material]
+youngs_modulus = 5e3
+poissons_ratio = 0.4
+[[inclusion]]
+label = "tumour"
+material = {youngs_modulus = 3e4, poissons_ratio = 0.4}
+[[support]]
+region = {half_space = {point = [1.0, 0, 0], normal = [-1.0, 0, 0]}}
+[gravity]
+acceleration = [0.0, 0.0, -9.81]
+"""
