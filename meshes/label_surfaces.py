@@ -116,7 +116,7 @@ def _change_one(work: NDArray[np.int32], at: tuple[int, ...], table: NDArray[np.
     names = np.unique(window)
     inside = np.unique(work[i : i + 2, j : j + 2, k : k + 2])
     own = _bad_blocks(work[i : i + 2, j : j + 2, k : k + 2], inside, table)
-    if not len(own):  # mended by a change beside it
+    if not len(own):  # a change beside it was enough
         return
     best: tuple[int, tuple[int, int, int], int] | None = None
     for a, b, c in _BLOCK:
@@ -187,8 +187,8 @@ def make_surfaces(image: LabelImage, *, smoothing: float = 1.0) -> LabelSurfaces
     place = image.affine[:3, :3] / image.spacing
     origin = image.affine @ [-1.0, -1.0, -1.0, 1.0]
     facets = found.facets if np.linalg.det(place) > 0 else found.facets[:, ::-1].copy()
-    moved = (at @ place.T + origin[:3] for at in (points, corners))
-    return LabelSurfaces(*moved, facets, sides)
+    moved, unmoved = (at @ place.T + origin[:3] for at in (points, corners))
+    return LabelSurfaces(moved, unmoved, facets, sides)
 
 
 def _with_volumes(found: LabelSurfaces, present: list[int], most: float) -> Points:

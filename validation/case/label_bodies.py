@@ -13,9 +13,9 @@ from palpate.fastsim.mesher import (
     Interior,
     MeshingReport,
     mesh_surface,
-    require_no_self_intersection,
 )
 from palpate.fastsim.nested_bodies import mesh_regions
+from palpate.fastsim.surface_remesher import require_no_self_intersection
 from palpate.meshes.errors import InputError
 from palpate.meshes.label_images import LabelImage, choose_labels
 from palpate.meshes.label_surfaces import LabelSurfaces, make_surfaces, separate_touching

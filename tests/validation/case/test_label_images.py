@@ -186,7 +186,9 @@ def test_a_case_gives_each_label_its_material(tmp_path: Path) -> None:
 
 
 CASE = """
-name = "labels"
+schema = 1
+title = "Labels"
+strain = "green"
 [units]
 length = "mm"
 [geometry]
@@ -199,6 +201,12 @@ label = "tumour"
 material = {youngs_modulus = 3e4, poissons_ratio = 0.4}
 [[support]]
 region = {half_space = {point = [1.0, 0, 0], normal = [-1.0, 0, 0]}}
-[gravity]
+[[check]]
+metric = "displacement_l2"
+against = "same_mesh"
+limit = 1e-8
+reason = "a test"
+[[load]]
+kind = "gravity"
 acceleration = [0.0, 0.0, -9.81]
 """
