@@ -81,18 +81,53 @@ def mesh_bodies(
         MeshingError: A region that cannot be meshed without another point on a facet.
     """
     bodies = _common(surfaces)
+    regions = {name: _region(bodies, number) for number, name in enumerate(bodies.names)}
+    try:
+        return mesh_regions(bodies.points, regions, make=make)
+    except _OpenRegionError as error:
+        raise _touching(bodies, bodies.names.index(error.name), error.error) from error
+
+
+class _OpenRegionError(SurfaceError):
+    """A region whose facets bound no solid; `.name` and `.error` say which, and why."""
+
+    def __init__(self, name: str, error: NonManifoldError) -> None:
+        self.name, self.error = name, error
+        super().__init__(f"{name}: {error}")
+
+
+def mesh_regions(
+    points: Points,
+    regions: Mapping[str, Indices],
+    *,
+    make: Callable[[TriSurface, Callable[[MeshingReport], None]], TetMesh] | None = None,
+) -> TetMesh:
+    """Fill regions that may have facets in common, as walls between them, with one mesh.
+
+    Args:
+        points: Of all of them [m], shape (num_points, 3).
+        regions: Facets around each, outward, by name; one without facets is left out. Any number
+            of regions may meet along an edge.
+        make: Fills one region and reports; `mesh_surface` where None.
+
+    Returns:
+        A mesh with a group of cells for each region, and all facets of all.
+
+    Raises:
+        SurfaceError: Facets that bound no solid.
+        MeshingError: A region that cannot be meshed without another point on a facet.
+    """
     fill = make or (lambda surface, report: mesh_surface(surface, report=report))
-    points, cells, groups = [bodies.points], [], {}
+    parts, cells, groups = [points], [], {}
     count = 0
-    for number, name in enumerate(bodies.names):
-        facets = _region(bodies, number)
+    for name, facets in regions.items():
         if not len(facets):
             continue
-        region = TriSurface(bodies.points, facets)
+        region = TriSurface(points, facets)
         try:
             require_closed(region)
         except NonManifoldError as error:
-            raise _touching(bodies, number, error) from error
+            raise _OpenRegionError(name, error) from error
         done: list[MeshingReport] = []
         mesh = fill(region, done.append)
         if done and done[0].boundary_steiner_points:
@@ -101,14 +136,14 @@ def mesh_bodies(
                 "and its neighbours would not have them; use rounder facets there"
             )
         used = np.unique(facets)
-        start = sum(map(len, points)) - len(used)
+        start = sum(map(len, parts)) - len(used)
         own = np.arange(mesh.num_points) + start
         own[: len(used)] = used
-        points.append(mesh.points[len(used) :])
+        parts.append(mesh.points[len(used) :])
         cells.append(own[mesh.cells])
         groups[name] = np.arange(count, count + mesh.num_cells)
         count += mesh.num_cells
-    return TetMesh(np.vstack(points), np.vstack(cells), cell_groups=groups)
+    return TetMesh(np.vstack(parts), np.vstack(cells), cell_groups=groups)
 
 
 def _common(surfaces: Mapping[str, TriSurface]) -> _Bodies:

@@ -235,15 +235,16 @@ def test_no_two_files_import_one_another_in_a_circle() -> None:
 # Lines of Python at most, blank lines counted. Raising one takes a reason in its row.
 LINES = {
     "meshes": (
-        8520,
-        "issue 37: surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
+        8970,
+        "issue 37: label images and the walls between labels; surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
         "issue 38: gravity and spread_force for a first script; "
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13060,
-        "issue 35: contact over facets; issue 36: sensitivities of equilibria; small swings",
+        13140,
+        "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
+        "issue 37: regions with common walls",
     ),
     "reference": (
         10560,
@@ -251,8 +252,8 @@ LINES = {
         "issue 39: where the truth has no limit, and where it is one of several",
     ),
     "validation": (
-        49600,
-        "issue 36: measured tracks, and fits to them; "
+        50100,
+        "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners; "
         "issue 40: history of released versions, "
         "more simulators; "
@@ -260,21 +261,21 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        58500,
-        "issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        58900,
+        "issue 37: label images; issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
         "issue 38: first screen of a report",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
-        3950,
-        "issue 36: [[mass]], measurements, other values of a case; "
+        4140,
+        "issue 36: [[mass]], measurements, other values of a case; issue 37: label images; "
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2460,
-        "issue 40: history of releases; issue 38: `init --copy`; issue 36: `fit`, `solve --set`",
+        2600,
+        "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; issue 36: `fit`, `solve --set`",
     ),
     "validation/diagnosis": (
         2370,
@@ -305,7 +306,7 @@ LINES = {
         "issue 38: steps that do not divide the outputs; issue 39: corners and branches",
     ),
     "validation/report": (
-        3850,
+        3920,
         "issue 38: first screen, paper, inclusions, animations; issue 35: layers between clamps; "
         "issue 36: measured beside computed",
     ),

@@ -336,13 +336,16 @@ class InclusionSpec(Table):
     """A box, a ball or a half_space, for cells whose centroid lies in it; or a group of cells."""
     surface: str | None = None
     """A closed surface beside this file, instead of a region: its facets are in the mesh."""
+    label: str | None = None
+    """A name that `palpate mesh --label` gave to cells of the mesh file, instead of a region."""
     material: MaterialSpec
     """Material of those cells."""
 
     @model_validator(mode="after")
     def _chooses_cells(self) -> InclusionSpec:
-        if (self.region is None) == (self.surface is None):
-            raise ValueError("an inclusion needs either a region or a surface")
+        given = [x for x in (self.region, self.surface, self.label) if x is not None]
+        if len(given) != 1:
+            raise ValueError("an inclusion needs exactly one of region, surface, label")
         if self.region is not None and self.region.nearest is not None:
             raise ValueError("the region of an inclusion is a box, a ball, a half_space or a group")
         return self

@@ -45,7 +45,7 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.case.body_schema import InclusionSpec, MaterialSpec
+from palpate.validation.case.body_schema import InclusionSpec, MaterialSpec, RegionSpec
 from palpate.validation.case.geometry import inside_folder, load_surface
 from palpate.validation.case.loading_schema import (
     TOOL_SIZES,
@@ -152,16 +152,19 @@ class _Builder:
         raise AssertionError("the schema asks for either")
 
     def inclusion(self, spec: InclusionSpec, what: str) -> Inclusion:
-        if spec.region is None:
+        region = spec.region
+        if spec.label is not None:
+            region = RegionSpec(group=spec.label)
+        if region is None:
             # Named so by the mesh that was made of the surfaces.
             return Inclusion(self.mesh.cell_groups[what], self.material(spec.material))
-        name, known = spec.region.group, self.mesh.cell_groups
+        name, known = region.group, self.mesh.cell_groups
         if name is not None and name not in known:
             raise InputError(
                 f"{what}: no group of cells {name!r} in the mesh "
                 f"(known: {', '.join(sorted(known)) or 'none'})"
             )
-        cells = select_cells(self.mesh, spec.region, self.units, what)
+        cells = select_cells(self.mesh, region, self.units, what)
         return Inclusion(cells, self.material(spec.material))
 
     def support(self, spec: SupportSpec, what: str) -> Support:

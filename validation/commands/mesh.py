@@ -34,7 +34,7 @@ class Mesher(StrEnum):
 
 
 def mesh(
-    surface: Annotated[str, typer.Argument(help="surface file, or kidney")],
+    surface: Annotated[str, typer.Argument(help="surface file, label image, or kidney")],
     output: Annotated[Path, typer.Option("--output", "-o", help=".vtu, .vtk or .msh")],
     size: Annotated[
         float | None, typer.Option(help="largest edge length inside, in the file's unit")
@@ -67,6 +67,13 @@ def mesh(
         list[str] | None,
         typer.Option(help="NAME=FILE: a surface within, whose cells are a group; repeatable"),
     ] = None,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(help="NUMBER=NAME: a label of a label image, a group of cells; repeatable"),
+    ] = None,
+    smallest_island: Annotated[
+        int, typer.Option(help="loose parts of a label with fewer voxels are named")
+    ] = 27,
     time_limit: Annotated[
         float | None, typer.Option(help="seconds, after which there is an error and no file")
     ] = None,
@@ -90,6 +97,7 @@ def mesh(
     from palpate.fastsim.critical_cells import find_critical_cells
     from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
+    from palpate.meshes.label_images import is_label_image
     from palpate.meshes.problem import Material
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
@@ -97,8 +105,25 @@ def mesh(
     from palpate.validation.case.geometry import LoadedSurface, load_surface
     from palpate.validation.case.meshing import Filling, fill_loaded
     from palpate.validation.case.units import LENGTH, Units
+    from palpate.validation.commands.mesh_labels import mesh_label_image
     from palpate.validation.output_files import require_outputs
 
+    if is_label_image(surface) or label:
+        others = {
+            "--size": size, "--repair": repair or None, "--wrap": wrap, "--free": free,
+            "--inclusion": inclusion, "--material": material, "--target-step": target_step,
+            "--grade-to": grade_to, "--smallest": smallest,
+        }  # fmt: skip
+        given = [name for name, value in others.items() if value]
+        if given or mesher is not Mesher.FASTSIM or unit != "mm":
+            raise InputError(
+                f"{given[0] if given else '--mesher or --unit'} does not go with a label image: "
+                "positions are in mm, the walls stay as they are, by fastsim's mesher"
+            )
+        mesh_label_image(
+            surface, output, label or [], smallest_island, uniform, time_limit, force=force
+        )
+        return
     if unit not in LENGTH:
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:

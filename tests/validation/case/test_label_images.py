@@ -1,0 +1,212 @@
+"""Organs from label images: orientation, walls, volumes, groups, and what is refused."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.files import read_mesh
+from palpate.meshes.label_images import LabelImage, choose_labels, read_labels
+from palpate.meshes.label_surfaces import make_surfaces, separate_touching
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.case.body_schema import InclusionSpec
+from palpate.validation.case.label_bodies import mesh_labels
+from palpate.validation.case.load import load_case
+from palpate.validation.cli import app
+from tests.meshes.label_phantom import NAMES, phantom_labels
+
+nibabel = pytest.importorskip("nibabel")
+itk = pytest.importorskip("SimpleITK")
+pytest.importorskip("vtkmodules.vtkFiltersCore")
+
+# Voxels of 1 x 1 x 2 mm, the first axis to the left.
+AFFINE = np.array([[-1.0, 0, 0, 10], [0, 1, 0, -20], [0, 0, 2, 30], [0, 0, 0, 1]])
+OPTIONS = [part for n, name in NAMES.items() for part in ("--label", f"{n}={name}")]
+
+
+def nifti(path: Path, values: NDArray[np.generic], affine: NDArray[np.float64] = AFFINE) -> Path:
+    nibabel.save(nibabel.Nifti1Image(values, affine), path)
+    return path
+
+
+def test_two_organs_a_vessel_and_a_tumour_are_one_mesh(tmp_path: Path) -> None:
+    labels = phantom_labels(32)
+    path = nifti(tmp_path / "labels.nii.gz", labels.astype(np.uint8))
+    output = tmp_path / "organ.vtu"
+    done = CliRunner().invoke(app, ["mesh", str(path), *OPTIONS, "-o", str(output)])
+    assert done.exit_code == 0, done.output
+    mesh = read_mesh(output)
+    assert set(mesh.cell_groups) == set(NAMES.values())
+    for number, name in NAMES.items():
+        rows = mesh.cells[mesh.cell_groups[name]]
+        wanted = 2.0 * (labels == number).sum()  # a voxel has 1 x 1 x 2 mm3
+        assert float(signed_volumes(mesh.points, rows).sum()) == pytest.approx(wanted, rel=0.01)
+        centre = np.argwhere(labels == number).mean(axis=0)
+        there = AFFINE[:3, :3] @ centre + AFFINE[:3, 3]
+        # Half a voxel's longest edge: positions are those of the file, in its orientation.
+        np.testing.assert_allclose(mesh.points[np.unique(rows)].mean(axis=0), there, atol=1.0)
+    # A wall between two labels has points of both.
+    shared = [np.unique(mesh.cells[mesh.cell_groups[n]]) for n in ("liver", "spleen")]
+    assert len(np.intersect1d(*shared)) > 100
+
+
+def test_walls_move_by_half_a_voxel_at_most_and_keep_volumes() -> None:
+    image = LabelImage(phantom_labels(32), AFFINE)
+    found = make_surfaces(image)
+    moved = np.linalg.norm(found.points - found.corners, axis=1)
+    assert 0.2 < moved.max() <= 0.5 + 1e-6  # float32 of vtk at 64 mm
+    for number in NAMES:
+        assert found.volume(number) == pytest.approx(2.0 * (image.labels == number).sum(), rel=1e-2)
+
+
+@pytest.mark.parametrize("second", [(3, 3, 2), (3, 3, 3)])
+def test_voxels_that_touch_at_an_edge_or_a_corner_are_separated(second: tuple[int, ...]) -> None:
+    labels = np.zeros((6, 6, 6), np.int32)
+    labels[2, 2, 2] = labels[second] = 1
+    clean, changed = separate_touching(labels)
+    assert 1 <= changed <= 4
+    around = make_surfaces(LabelImage(clean, np.eye(4)), smoothing=0.0).around(1)
+    edges = np.sort(np.vstack([around[:, [0, 1]], around[:, [1, 2]], around[:, [2, 0]]]), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+
+
+def test_separated_labels_touch_over_faces_alone() -> None:
+    labels = phantom_labels(24)
+    rough = np.random.default_rng(0).random(labels.shape) < 0.01
+    clean, changed = separate_touching(np.where(rough, 0, labels).astype(np.int32))
+    assert changed > 0
+    assert separate_touching(clean)[1] == 0
+
+
+def test_a_label_that_touches_nothing_is_a_body_and_small_islands_are_named() -> None:
+    labels = np.zeros((24, 12, 12), np.int32)
+    labels[2:8, 3:9, 3:9] = 1
+    labels[14:20, 3:9, 3:9] = 2
+    labels[10:12, 5:7, 5:7] = 2
+    lines: list[str] = []
+    mesh = mesh_labels(LabelImage(labels, np.eye(4)), {1: "a", 2: "b"}, progress=lines.append)
+    assert set(mesh.cell_groups) == {"a", "b"}
+    assert any("1 island(s) of fewer than 27 voxels, at (10, 5, 5) mm" in line for line in lines)
+
+
+@pytest.mark.parametrize("suffix", [".nrrd", ".mha"])
+def test_other_formats_have_the_positions_of_nifti(tmp_path: Path, suffix: str) -> None:
+    labels = phantom_labels(8)
+    image = itk.GetImageFromArray(labels.T.astype(np.uint8))
+    image.SetSpacing((1.0, 1.0, 2.0))
+    image.SetDirection((1, 0, 0, 0, -1, 0, 0, 0, 1))  # of ITK: x to the left, y to the back
+    image.SetOrigin((-10.0, 20.0, 30.0))
+    path = tmp_path / f"labels{suffix}"
+    itk.WriteImage(image, str(path))
+    read = read_labels(path)
+    np.testing.assert_array_equal(read.labels, labels)
+    np.testing.assert_allclose(read.affine, AFFINE, rtol=0, atol=1e-12)
+    assert "axes towards LAS" in read.line()
+
+
+def test_what_is_no_label_image_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    labels = phantom_labels(16).astype(np.uint8)
+    sheared = AFFINE.copy()
+    sheared[0, 1] = 0.3
+    bad = {
+        "segment it first": nifti(tmp_path / "a.nii", labels + np.float32(0.5)),
+        "take one volume": nifti(tmp_path / "b.nii", np.stack([labels] * 2, axis=3)),
+        "axes at right angles": nifti(tmp_path / "c.nii", labels, sheared),
+        "there is no such file": tmp_path / "d.nii",
+    }
+    whole = nifti(tmp_path / "whole.nii.gz", labels).read_bytes()
+    bad["cut off"] = tmp_path / "e.nii.gz"
+    bad["cut off"].write_bytes(whole[: len(whole) // 2])
+    for words, path in bad.items():
+        with pytest.raises(FileFormatError, match=words):
+            read_labels(path)
+
+
+def test_a_huge_image_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "huge.mhd"
+    path.write_text(
+        "ObjectType = Image\nNDims = 3\nDimSize = 4000 4000 4000\nElementType = MET_UCHAR\n"
+        "ElementDataFile = huge.raw\n"
+    )
+    with pytest.raises(FileFormatError, match="crop it"):
+        read_labels(path)
+
+
+def test_a_label_that_is_not_there_is_refused_with_those_that_are() -> None:
+    image = LabelImage(phantom_labels(16), np.eye(4))
+    with pytest.raises(
+        InputError, match=r"no voxel has the label 9 \(bone\); there are 1, 2, 3, 4"
+    ):
+        choose_labels(image, {9: "bone"})
+
+
+def test_options_that_do_not_go_with_labels_are_refused(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "l.nii", phantom_labels(16).astype(np.uint8))
+    out = ["-o", str(tmp_path / "o.vtu")]
+    for options, words in (
+        ([], "needs --label NUMBER=NAME"),
+        (["--label", "x=liver"], "whole number above 0"),
+        (["--label", "1=a", "--label", "1=b"], "there twice"),
+        (["--label", "1=a", "--repair"], "--repair does not go with a label image"),
+    ):
+        done = CliRunner().invoke(app, ["mesh", str(path), *options, *out])
+        assert isinstance(done.exception, InputError)
+        assert words in str(done.exception)
+
+
+def test_an_inclusion_is_a_region_a_surface_or_a_label() -> None:
+    table = tomllib.loads("material = {youngs_modulus = 1e4, poissons_ratio = 0.4}")
+    assert InclusionSpec.model_validate({**table, "label": "tumour"}).label == "tumour"
+    with pytest.raises(ValueError, match="exactly one of region, surface, label"):
+        InclusionSpec.model_validate({**table, "label": "tumour", "surface": "a.stl"})
+
+
+def test_a_case_gives_each_label_its_material(tmp_path: Path) -> None:
+    labels = np.zeros((8, 6, 6), np.int32)
+    labels[1:4, 1:5, 1:5] = 1
+    labels[4:7, 1:5, 1:5] = 2
+    path = nifti(tmp_path / "l.nii", labels.astype(np.uint8), np.eye(4))
+    words = ["mesh", str(path), "--label", "1=liver", "--label", "2=tumour"]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "organ.vtu")])
+    assert done.exit_code == 0, done.output
+    (tmp_path / "case.toml").write_text(CASE)
+    problem = load_case(tmp_path / "case.toml").problem
+    (tumour,) = problem.inclusions
+    assert tumour.material.youngs_modulus == 3e4
+    np.testing.assert_array_equal(tumour.cells, problem.mesh.cell_groups["tumour"])
+    (tmp_path / "case.toml").write_text(CASE.replace('"tumour"', '"cyst"'))
+    with pytest.raises(InputError, match="no group of cells 'cyst'"):
+        load_case(tmp_path / "case.toml").problem  # noqa: B018
+
+
+CASE = """
+schema = 1
+title = "Labels"
+strain = "green"
+[units]
+length = "mm"
+[geometry]
+mesh = "organ.vtu"
+[material]
+youngs_modulus = 5e3
+poissons_ratio = 0.4
+[[inclusion]]
+label = "tumour"
+material = {youngs_modulus = 3e4, poissons_ratio = 0.4}
+[[support]]
+region = {half_space = {point = [1.0, 0, 0], normal = [-1.0, 0, 0]}}
+[[check]]
+metric = "displacement_l2"
+against = "same_mesh"
+limit = 1e-8
+reason = "a test"
+[[load]]
+kind = "gravity"
+acceleration = [0.0, 0.0, -9.81]
+"""

@@ -1,0 +1,155 @@
+"""From a label image to one mesh with walls between labels, and a group of cells for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim.mesher import (
+    BoundaryRecoveryError,
+    FlatCellError,
+    Interior,
+    MeshingReport,
+    mesh_surface,
+)
+from palpate.fastsim.nested_bodies import mesh_regions
+from palpate.fastsim.surface_remesher import require_no_self_intersection
+from palpate.meshes.errors import InputError
+from palpate.meshes.label_images import LabelImage, choose_labels
+from palpate.meshes.label_surfaces import LabelSurfaces, make_surfaces, separate_touching
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
+
+# Largest change of a label's volume, asked for by those who measure organs.
+MOST_CHANGE = 0.01
+# The strongest smoothing first; 0 is the voxels' faces, which never cut each other.
+_SMOOTHING = (1.0, 0.6, 0.3, 0.0)
+_METRES = 1e-3
+
+
+class LabelVolumeError(InputError):
+    """A label whose volume would change by more than a limit; `.name`, `.change` [-]."""
+
+    def __init__(self, name: str, change: float) -> None:
+        self.name, self.change = name, change
+        super().__init__(
+            f"label {name}: its volume would change by {100 * change:.2g} %, more than "
+            f"{100 * MOST_CHANGE:g} %: it is too small or too thin for its voxels; resample the "
+            "image to finer ones (nearest neighbour)"
+        )
+
+
+def mesh_labels(
+    image: LabelImage,
+    names: Mapping[int, str],
+    *,
+    smallest_island: int = 27,
+    uniform: bool = False,
+    time_left: Callable[[], float | None] = lambda: None,
+    progress: Callable[[str], None],
+) -> TetMesh:
+    """Mesh the named labels of an image.
+
+    Args:
+        image: The image [mm].
+        names: Of labels, by number; each is a group of cells.
+        smallest_island: Loose parts of a label with fewer voxels are said.
+        uniform: Cells as fine inside as the walls; otherwise they grow inwards.
+        time_left: Seconds that are left, or None.
+        progress: Called with what is done, and what is to be known of the labels.
+
+    Returns:
+        The mesh [m].
+
+    Raises:
+        LabelVolumeError: A label that would change its volume by more than 1 %.
+        InputError: A label that is not there, or no mesh.
+    """
+    chosen = choose_labels(image, names)
+    for label, name in names.items():
+        for line in _remarks(chosen, label, smallest_island):
+            progress(f"label {name}: {line}")
+    low, high = _box(chosen.labels)
+    cropped = chosen.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    affine = chosen.affine.copy()
+    affine[:3, 3] += affine[:3, :3] @ low
+    labels, changed = separate_touching(cropped)
+    if changed:
+        progress(f"{changed} voxel(s) changed where a label touched itself at edges or corners")
+    clean = LabelImage(labels, affine, image.path)
+    for smoothing in _SMOOTHING:
+        surfaces = make_surfaces(clean, smoothing=smoothing)
+        for label, name in names.items():
+            _refuse_change(cropped, label, name, surfaces, float(np.prod(clean.spacing)))
+        farthest = float(np.linalg.norm(surfaces.points - surfaces.corners, axis=1).max())
+        points = np.ascontiguousarray(surfaces.points * _METRES)
+        try:
+            require_no_self_intersection(points, np.ascontiguousarray(surfaces.facets), most=1000)
+        except SelfIntersectionError:
+            progress(f"smoothing {smoothing:g}: walls would cut each other; less of it")
+            continue
+        progress(f"{len(surfaces.facets)} facets, at most {farthest:.3g} mm from the voxels' faces")
+        regions = {name: surfaces.around(label) for label, name in names.items()}
+
+        def make(region: TriSurface, report: Callable[[MeshingReport], None]) -> TetMesh:
+            return mesh_surface(
+                region,
+                interior=Interior.UNIFORM if uniform else Interior.GRADED,
+                time_limit=time_left(),
+                progress=progress,
+                report=report,
+            )
+
+        try:
+            return mesh_regions(points, regions, make=make)
+        except (BoundaryRecoveryError, FlatCellError) as error:
+            progress(f"smoothing {smoothing:g}: {error}; less of it")
+    raise InputError(
+        f"{image.path}: no mesh, with or without smoothing; resample it to finer voxels"
+    )
+
+
+def _box(labels: NDArray[np.int32]) -> tuple[list[int], list[int]]:
+    used = [np.flatnonzero(labels.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
+    return [int(u[0]) for u in used], [int(u[-1]) + 1 for u in used]
+
+
+def _remarks(image: LabelImage, label: int, smallest_island: int) -> Iterator[str]:
+    """Small islands, and what is thinner than two voxels."""
+    from scipy import ndimage
+
+    low, high = _box(np.where(image.labels == label, 1, 0).astype(np.int32))
+    mask = image.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] == label
+    parts, count = ndimage.label(mask)
+    sizes = np.bincount(parts.ravel())[1:]
+    small = np.flatnonzero(sizes < smallest_island)
+    yield f"{mask.sum()} voxels in {count} part(s)"
+    if len(small):
+        boxes = ndimage.find_objects(parts)
+        places = [
+            "({:.4g}, {:.4g}, {:.4g})".format(
+                *(image.affine @ [*(s.start + a for s, a in zip(boxes[k], low, strict=True)), 1])[
+                    :3
+                ]
+            )
+            for k in small[:5]
+        ]
+        yield (
+            f"{len(small)} island(s) of fewer than {smallest_island} voxels, at "
+            f"{', '.join(places)} mm{' and more' if len(small) > 5 else ''}; they are meshed as "
+            "well: remove them where the labels were made if they are noise"
+        )
+    thin = int((mask & ~ndimage.binary_opening(mask, np.ones((2, 2, 2)))).sum())
+    if thin:
+        yield f"{thin} voxel(s) in walls thinner than two voxels, which one layer of cells fills"
+
+
+def _refuse_change(
+    labels: NDArray[np.int32], label: int, name: str, surfaces: LabelSurfaces, voxel: float
+) -> None:
+    wanted = float((labels == label).sum()) * voxel
+    change = abs(surfaces.volume(label) - wanted) / wanted
+    if change > MOST_CHANGE:
+        raise LabelVolumeError(name, change)

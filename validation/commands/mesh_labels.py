@@ -1,0 +1,84 @@
+"""`palpate mesh LABELS --label NUMBER=NAME -o MESH`: organs from a label image."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from palpate.meshes.errors import InputError
+from palpate.validation.commands.options import progress_lines
+from palpate.validation.quoting import for_terminal
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def mesh_label_image(
+    image: str,
+    output: Path,
+    labels: list[str],
+    smallest_island: int,
+    uniform: bool,
+    time_limit: float | None,
+    *,
+    force: bool,
+) -> None:
+    """Mesh labels of an image, in mm, and print their volumes."""
+    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
+    from palpate.meshes.label_images import SUFFIXES, is_label_image, read_labels
+    from palpate.meshes.quality import measure_quality
+    from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+    from palpate.validation.case.label_bodies import mesh_labels
+    from palpate.validation.output_files import require_outputs
+
+    began = time.monotonic()
+    if not is_label_image(image):
+        raise InputError(f"{image}: --label needs a label image: {', '.join(SUFFIXES)}")
+    if output.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
+    if time_limit is not None and not time_limit > 0.0:
+        raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")
+    names = parse_labels(labels)
+    require_outputs({"--output": output}, inputs=[image], force=force)
+    read = read_labels(image)
+    say = progress_lines()
+    say(f"{image}: {read.line()}")
+
+    def time_left() -> float | None:
+        return None if time_limit is None else max(time_limit + began - time.monotonic(), 1e-3)
+
+    mesh = mesh_labels(
+        read,
+        names,
+        smallest_island=smallest_island,
+        uniform=uniform,
+        time_left=time_left,
+        progress=say,
+    )
+    scaled = TetMesh(mesh.points * 1e3, mesh.cells, cell_groups=mesh.cell_groups)
+    write_mesh(output, scaled, groups=True)
+    quality = measure_quality(mesh)
+    print(
+        for_terminal(
+            f"{output}: {mesh.num_cells} cells, smallest dihedral angle "
+            f"{quality.smallest_dihedral_deg:.1f} degrees, volume {mesh.volume * 1e9:.6g} mm3"
+        )
+    )
+    for name, rows in mesh.cell_groups.items():
+        volume = float(signed_volumes(mesh.points, mesh.cells[rows]).sum()) * 1e9
+        print(for_terminal(f"  {name}: {len(rows)} cells, volume {volume:.6g} mm3"))
+
+
+def parse_labels(given: list[str]) -> dict[int, str]:
+    """Names by number from texts NUMBER=NAME; refuses numbers and names given twice."""
+    if not given:
+        raise InputError("a label image needs --label NUMBER=NAME, once for each label to mesh")
+    found: dict[int, str] = {}
+    for text in given:
+        number, _, name = text.partition("=")
+        if not (number.isascii() and number.isdigit() and int(number) > 0 and name):
+            raise InputError(f"--label {text}: needs NUMBER=NAME, with a whole number above 0")
+        if int(number) in found or name in found.values():
+            raise InputError(f"--label {text}: the number or the name is there twice")
+        found[int(number)] = name
+    return found
