@@ -236,7 +236,8 @@ def test_no_two_files_import_one_another_in_a_circle() -> None:
 LINES = {
     "meshes": (
         8970,
-        "issue 37: label images and the walls between labels; surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
+        "issue 37: label images and the walls between labels; "
+        "surfaces as other programs write them (OBJ, OFF, STL, PLY, polygons); "
         "issue 38: gravity and spread_force for a first script; "
         "issue 34: what results, models and files may not do; hashes; numpy 2's text .msh; "
         "issue 36: masses on the surface; issue 40: history of released versions",
@@ -262,7 +263,8 @@ LINES = {
     ),
     "tests": (
         58900,
-        "issue 37: label images; issues 34, 35: stated equations, stale results, imports, lost files; contact over facets; "
+        "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
+        "lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
         "issue 38: first screen of a report",
@@ -275,7 +277,8 @@ LINES = {
     ),
     "validation/commands": (
         2600,
-        "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; issue 36: `fit`, `solve --set`",
+        "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
+        "issue 36: `fit`, `solve --set`",
     ),
     "validation/diagnosis": (
         2370,
