@@ -167,7 +167,7 @@ def test_what_does_not_go_with_it_is_refused(write_case, tmp_path):
         return str(caught.value)
 
     both = 'surface = "tumour.off"\nregion = { group = "x" }'
-    assert "either a region or a surface" in refused(('surface = "tumour.off"', both))
+    assert "exactly one of region, surface, label" in refused(('surface = "tumour.off"', both))
     assert "do not go with them" in refused(("[material]", '[mesh]\nmesher = "gmsh"\n[material]'))
     assert "no such file" in refused(('"tumour.off"', '"none.off"'))
     small = BOX.replace("[2.0, 1.0, 1.0]", "[2.0, 1.0, 0.5]")
