@@ -301,6 +301,8 @@ class CaseSpec(Table):
         for measurement in self.measurement:
             if self.time is not None:
                 raise ValueError("a [[measurement]] is of a case without [time]")
+            if measurement.kind == "frequency" and self.tool:
+                raise ValueError("a frequency is of a case without [tool]: nothing swings freely")
             if measurement.tool is not None and measurement.tool > len(self.tool):
                 raise ValueError(
                     f"measurement {measurement.name!r}: there is no tool {measurement.tool}"

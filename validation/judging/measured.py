@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.fastsim.sensitivities import has_exact_tangent
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.candidate import Candidate
@@ -254,9 +253,7 @@ def predict_markers(case: Case, displacement: Points) -> list[MarkerMotion]:
     as_measured = Measured(
         spec, case, labels, values, np.ones_like(values), values[None], np.zeros(0), unit
     )
-    spread = np.zeros_like(values)
-    if has_exact_tangent(case.problem, case.strain):
-        spread = np.sqrt(_input_variance(as_measured))
+    spread = np.sqrt(_input_variance(as_measured))
     rows = zip(names, moved, spread.reshape(-1, 3), strict=True)
     return [MarkerMotion(*row) for row in rows]
 

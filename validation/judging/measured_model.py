@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.contact.static_contact import solve_contact
-from palpate.fastsim.sensitivities import Change, find_sensitivities
+from palpate.fastsim.sensitivities import Change, find_sensitivities, has_exact_tangent
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.vibration import find_swings, rayleigh_quotient
 from palpate.meshes.arrays import Floats, Points
@@ -77,6 +77,9 @@ def solve_measured(
         )
         axis = "xyz".index(measured.spec.component or "z")
         return Prediction(found.forces[1:, tool, axis], found.displacements[-1])
+    if problem.tools:
+        pressed = solve_contact(problem, strain=strain, element=element)
+        return of_equilibrium(measured, case, pressed.displacements[-1], element=element)
     solved = solve_static(problem, strain=strain, element=element, start=start)
     return of_equilibrium(measured, case, solved.displacement, element=element)
 
@@ -136,7 +139,8 @@ def derivatives(
         Shape (n, len(scales)), SI units over the case's; 0 for a number that the experiment sets.
     """
     case = measured.at(values, like=like)
-    is_solved = measured.spec.kind == "tool_force"
+    # Of contact and of pressure that follows the body there is no symmetric tangent.
+    is_solved = not has_exact_tangent(case.problem, case.strain)
     found = np.zeros((len(measured.values), len(scales)))
     keys = [key for key in scales if key not in measured.spec.set]
     pairs, widths = [], []

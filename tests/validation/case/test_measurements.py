@@ -247,3 +247,8 @@ def test_check_reads_what_was_measured(bar: Callable[..., Path], palpate_run: Ca
     ended = palpate_run("check", bar())
     assert ended.returncode == 0, ended.stderr
     assert "hung: 9 value(s), 2 run(s), at most 20 mm, standard uncertainty 0.1" in ended.stdout
+
+
+def test_nothing_swings_freely_under_a_tool(bar: Callable[..., Path]) -> None:
+    with pytest.raises(CaseError, match="a frequency is of a case without"):
+        load_case(bar(FREQUENCY + CURVE))

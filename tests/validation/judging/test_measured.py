@@ -18,11 +18,13 @@ from palpate.validation.candidates.candidate import (
     solution_candidate,
 )
 from palpate.validation.case import Case
+from palpate.validation.case.measurements import read_measurements
 from palpate.validation.judging.measured import (
     Validation,
     judge_measurements,
     predict_markers,
 )
+from palpate.validation.judging.measured_model import solve_measured
 from palpate.validation.judging.results import MEASUREMENT, CheckResult, MeasuredValues, Scope
 from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import State, Verdict, in_silence
@@ -191,3 +193,34 @@ def test_no_uncertain_input_is_no_uncertainty(tmp_path: Path) -> None:
     for _, motion, uncertainty in predict_markers(case, state.displacement):
         assert np.abs(motion).max() > 1e-3
         assert np.all(uncertainty == 0.0)
+
+
+PRESSED = """
+[[tool]]
+shape = "sphere"
+radius = 10.0
+region = { half_space = { point = [0.0, 0.0, 19.99], normal = [0.0, 0.0, 1.0] } }
+pose = [
+  { time = 0.0, position = [60.0, 10.0, 30.01] },
+  { time = 1.0, position = [60.0, 10.0, 26.01] },
+]
+[[uncertainty]]
+inputs = ["mass[0].mass"]
+standard = [2.0]
+source = "a test"
+"""
+
+
+def test_markers_of_a_body_under_a_tool_move_by_it(tmp_path: Path) -> None:
+    """The experiment is solved with its tool, and so are its derivatives."""
+    measured_bar(tmp_path)
+    text = (tmp_path / "bar.toml").read_text("utf-8") + PRESSED
+    (tmp_path / "pressed.toml").write_text(text.replace("-9.81", "-0.1"), "utf-8")
+    case = palpate.load_case(tmp_path / "pressed.toml")
+    measured = read_measurements(case, ["hung"])["hung"]
+    found = solve_measured(measured, case, element=Element.SMOOTHED)
+    state = palpate.solve(case.problem, element="smoothed")
+    assert found.displacement == pytest.approx(state.displacement, abs=1e-8)
+    assert 1e3 * found.values[2] < -2.0  # pressed down, which its weight does not do
+    moved = predict_markers(case, state.displacement)
+    assert max(np.abs(one.uncertainty).max() for one in moved) > 1e-7
