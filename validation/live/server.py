@@ -130,6 +130,12 @@ class TouchUnavailableError(InputError):
     """The library of the server, `websockets`, is not installed."""
 
 
+def _without_interrupts(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report what went wrong in a task; an interrupt that came there ends the program anyway."""
+    if not isinstance(context.get("exception"), KeyboardInterrupt):
+        loop.default_exception_handler(context)
+
+
 class PageServer:
     """Serves the page of one case.
 
@@ -227,6 +233,7 @@ class PageServer:
 
         ignore_broken_pipes()
         self._loop = asyncio.get_running_loop()
+        self._loop.set_exception_handler(_without_interrupts)
         self._news, self._gone = asyncio.Event(), asyncio.Event()
         server = await serve(
             self._attend,

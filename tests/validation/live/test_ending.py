@@ -140,3 +140,20 @@ def test_a_browser_that_is_killed_leaves_no_process(
                 os.killpg(browser.pid, signal.SIGKILL)
         assert process.wait(30) == 0
         assert in_session(process.pid) == []
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("broken")])
+def test_an_interrupt_that_comes_in_a_task_is_no_trouble_of_it(
+    error: BaseException, caplog: pytest.LogCaptureFixture
+) -> None:
+    import asyncio
+
+    from palpate.validation.live.server import _without_interrupts
+
+    loop = asyncio.new_event_loop()
+    try:
+        loop.set_exception_handler(_without_interrupts)
+        loop.call_exception_handler({"message": "never retrieved", "exception": error})
+    finally:
+        loop.close()
+    assert ("never retrieved" in caplog.text) == isinstance(error, RuntimeError)
