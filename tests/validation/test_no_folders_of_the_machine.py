@@ -80,7 +80,8 @@ def test_a_report(palpate_run: Run, folder: Path) -> None:
     require_no_folders(folder, *files)
     found = json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
     assert found["cases"][0]["provenance"]["case_file"] == "block.toml"
-    assert "--simulator python sim.py {case} {result}" in found["cases"][0]["provenance"]["command"]
+    given = found["cases"][0]["provenance"]["command"]
+    assert "--simulator 'python sim.py {case} {result}'" in given  # as it can be typed
 
 
 def test_other_outputs(palpate_run: Run, folder: Path) -> None:

@@ -7,6 +7,7 @@ import datetime
 import multiprocessing
 import os
 import platform
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -408,7 +409,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "command": " ".join(["palpate", *sys.argv[1:]]),
+        "command": shlex.join(["palpate", *sys.argv[1:]]),
         "case_key": problem_key(case.problem),
         "case_file": case.file,
         "called": case.called,
