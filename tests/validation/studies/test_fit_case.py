@@ -266,7 +266,7 @@ stress = "kPa"
 [geometry]
 shape = "box"
 size = [40.0, 40.0, 20.0]
-edge_length = 5.0
+edge_length = 8.0
 [material]
 law = "neo-hookean-stable"
 youngs_modulus = 10.0
