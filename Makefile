@@ -62,7 +62,7 @@ docs: setup ## the documentation, warnings as errors: out/docs/index.html
 
 site: scoreboard ## documentation and scoreboard as one static site: out/site/index.html
 	@PALPATE_SITE=1 $(MAKE) --no-print-directory docs OUT=$(OUT)/made-site
-	@rm -rf $(OUT)/site && mv $(OUT)/made-site/docs $(OUT)/site && rmdir $(OUT)/made-site
+	@rm -rf $(OUT)/site && mv $(OUT)/made-site/docs $(OUT)/site && rm -rf $(OUT)/made-site
 	@cp -r $(OUT)/scoreboard $(OUT)/site/scoreboard && touch $(OUT)/site/.nojekyll
 
 wheels: ## sdist and wheels, repaired and tried without a compiler: dist/
