@@ -122,7 +122,8 @@ def with_values(case: Case, values: Mapping[str, float], *, like: Case | None = 
     Args:
         case: The case.
         values: Numbers by key, such as `mass[0].mass`, in the case's units.
-        like: A case whose mesh is used where values shape the mesh; it has the same of these.
+        like: A case whose mesh is used again where geometry and mesh are stated alike; the case
+            itself where None.
 
     Raises:
         InputError: An unknown key, or a value that the case cannot take.
@@ -136,8 +137,9 @@ def with_values(case: Case, values: Mapping[str, float], *, like: Case | None = 
     except ValidationError as error:
         raise CaseError(explain(case.path, case.text, data, error)) from error
     changed = replace(case, spec=spec)
-    if like is not None or not any(key.startswith(("geometry.", "mesh.")) for key in values):
-        changed.__dict__["mesh"] = (like or case).mesh
+    known = like or case
+    if (spec.geometry, spec.mesh) == (known.spec.geometry, known.spec.mesh):
+        changed.__dict__["mesh"] = known.mesh
     _ = changed.problem
     return changed
 

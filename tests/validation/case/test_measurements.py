@@ -92,6 +92,16 @@ def test_an_experiment_has_its_own_numbers_and_the_others_of_the_case(
     assert sum(m.mass for m in masses["bare"]) == 0.0  # its own number counts
 
 
+def test_an_experiment_of_another_shape_has_its_own_mesh(bar: Callable[..., Path]) -> None:
+    change = ('"mass[0].mass" = 0.0', '"geometry.size[0]" = 95.0')
+    case = load_case(bar("", change))
+    found = read_measurements(case)
+    assert found["hung"].at({}, like=case).mesh is case.mesh
+    other = found["bare"].at({}, like=case)
+    assert np.ptp(other.problem.mesh.points[:, 0]) == pytest.approx(0.095)
+    assert found["bare"].at({"material.density": 900.0}, like=other).mesh is other.mesh
+
+
 def test_the_laboratory_may_be_turned(bar: Callable[..., Path], tmp_path: Path) -> None:
     path = bar()
     plain = read_measurements(load_case(path), ["hung"])["hung"].values
