@@ -60,6 +60,30 @@ def has_exact_tangent(problem: Problem, strain: Strain) -> bool:
     return problem.time is None and not problem.tools and not follows
 
 
+def tangent_at(
+    problem: Problem, displacement: Points, strain: Strain, element: Element, what: str
+) -> tuple[Newton, Points]:
+    """Newton's method for solves with the tangent of an equilibrium, and the equilibrium checked.
+
+    Args:
+        problem: Static, without tools and without pressure that follows the body.
+        displacement: Its equilibrium [m], shape (num_points, 3).
+        strain: Strain measure of the equilibrium.
+        element: Its tetrahedra.
+        what: What is asked of the tangent, for the error.
+
+    Raises:
+        InputError: A problem whose tangent is not the derivative of its force.
+    """
+    if not has_exact_tangent(problem, strain):
+        raise InputError(
+            f"{what} are of statics without tools and without pressure that follows the body; take "
+            "differences of solutions instead"
+        )
+    newton = Newton(problem, strain, _TOLERANCE, 1, element=element)
+    return newton, newton.body.checked(displacement)
+
+
 def find_sensitivities(
     problem: Problem,
     displacement: Points,
@@ -85,13 +109,7 @@ def find_sensitivities(
             change that moves the mesh or the fixed components.
         SoftTangentError: The state is no stable equilibrium.
     """
-    if not has_exact_tangent(problem, strain):
-        raise InputError(
-            "sensitivities are of statics without tools and without pressure that follows the "
-            "body; take differences of solutions instead"
-        )
-    newton = Newton(problem, strain, _TOLERANCE, 1, element=element)
-    u = newton.body.checked(displacement)
+    newton, u = tangent_at(problem, displacement, strain, element, "sensitivities")
     fixed = FixedPoints(problem)
     forces_and_moves = []
     for change in changes:

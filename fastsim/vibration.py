@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.errors import FastsimError
-from palpate.fastsim.newton import Newton, smooth_direction
-from palpate.fastsim.sensitivities import SoftTangentError, has_exact_tangent
+from palpate.fastsim.newton import smooth_direction
+from palpate.fastsim.sensitivities import SoftTangentError, tangent_at
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 
-_TOLERANCE = 1e-16
 # Relative change of every eigenvalue that is asked for, at which iteration ends.
 _SETTLED = 1e-8
 _MOST_PASSES = 60
@@ -90,7 +89,7 @@ def find_swings(
         SoftTangentError: The state is no stable equilibrium.
         UnsettledSwingError: Iteration did not settle.
     """
-    newton, u = _at(problem, displacement, strain, element)
+    newton, u = tangent_at(problem, displacement, strain, element, "small swings")
     mass = newton.body.lumped_mass[:, None]
     num_free = int(np.count_nonzero(newton.free_components))
     if not 1 <= count <= num_free:
@@ -101,12 +100,14 @@ def find_swings(
     still = np.zeros_like(u)
     vectors, values, change = np.array(start), np.full(count, np.inf), np.inf
     for _ in range(_MOST_PASSES):
-        solved = newton.responses_at(u, [(mass * x, still) for x in vectors])
+        forces = mass * vectors
+        solved = newton.responses_at(u, [(force, still) for force in forces])
         if any(x is None for x in solved):
             raise SoftTangentError
-        right = (mass * vectors).reshape(size, -1)
-        found = np.array(solved).reshape(size, -1)
-        stiffness, inertia = found @ right.T, found @ (mass * np.array(solved)).reshape(size, -1).T
+        shapes = np.array(solved)
+        found = shapes.reshape(size, -1)
+        stiffness = found @ forces.reshape(size, -1).T
+        inertia = found @ (mass * shapes).reshape(size, -1).T
         eigenvalues, turn = _small_problem(stiffness, inertia)
         vectors = (turn.T @ found).reshape(size, *u.shape)
         change = float(np.max(np.abs(eigenvalues[:count] / values - 1.0)))
@@ -136,20 +137,9 @@ def rayleigh_quotient(
     Returns:
         The quotient: that of a mode moves with a number of the problem as its eigenvalue does.
     """
-    newton, u = _at(problem, displacement, strain, element)
+    newton, u = tangent_at(problem, displacement, strain, element, "small swings")
     mass = newton.body.lumped_mass[:, None]
     return float(np.sum(mode * newton.stiffness_times(u, mode)) / np.sum(mass * mode * mode))
-
-
-def _at(
-    problem: Problem, displacement: Points, strain: Strain, element: Element
-) -> tuple[Newton, Points]:
-    if not has_exact_tangent(problem, strain):
-        raise InputError(
-            "small swings are of statics without tools and without pressure that follows the body"
-        )
-    newton = Newton(problem, strain, _TOLERANCE, 1, element=element)
-    return newton, newton.body.checked(displacement)
 
 
 def _small_problem(stiffness: Floats, inertia: Floats) -> tuple[Floats, Floats]:

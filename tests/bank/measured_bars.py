@@ -62,6 +62,15 @@ rest_limit = 0.5
 limit = 2.0
 reason = "a tenth of what it moves"
 """
+FORCE_CURVE = """
+[[measurement]]
+name = "press"
+kind = "tool_force"
+files = ["press.csv"]
+tool = 1
+component = "z"
+uncertainty = 0.002
+"""
 TRUE = {"material.youngs_modulus": 130e3, "material.poissons_ratio": 0.4}
 EXPERIMENTS: dict[str, dict[str, float]] = {"hung": {}, "bare": {"mass[0].mass": 0.0}}
 

@@ -68,7 +68,7 @@ class MeasurementSpec(Table):
     uncertainty: Positive | None = None
     """Standard uncertainty of each value, in its unit; where nothing is said the runs' scatter."""
     fitted: Flag = True
-    """Whether a fit uses it that is told nothing else; false of what is a check only."""
+    """Whether a fit without --data uses it; false of what is a check only."""
     limit: Positive | None = None
     """Most that a value may be off, in its unit; not judged where nothing is said."""
     reason: str = ""

@@ -7,7 +7,6 @@ track. A force [N] is over the way that a tool has gone.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +32,7 @@ from palpate.validation.metrics.measured_tracks import (
     fit_frame,
     mean_of_runs,
     mean_place,
+    read_rows,
     read_tracks,
 )
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
@@ -238,8 +238,7 @@ def _frequency(case: Case, spec: MeasurementSpec, path: Path) -> tuple[float, fl
 
 def _curve(path: Path) -> tuple[Floats, Floats]:
     """Depths [m], increasing, and forces [N] of a CSV with the columns depth_mm and force_N."""
-    with path.open(encoding="utf-8-sig", newline="") as text:
-        rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
+    rows = [row for row in read_rows(path) if any(cell.strip() for cell in row)]
     names = [name.strip() for name in rows[0]] if rows else []
     columns = []
     for name, sizes in ((_DEPTH, LENGTH), (_FORCE, FORCE)):

@@ -203,7 +203,8 @@ def _judge_one(
             case, judged, candidates, failures, references, progress
         ):
             checks.append(check)
-            beside += [values] if values else []
+            if values is not None:
+                beside.append(values)
     unseen = judge.unseen()
     if unseen:
         notes.append(

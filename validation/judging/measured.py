@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import Case
-from palpate.validation.case.measurement_schema import MeasurementSpec, UncertaintySpec
+from palpate.validation.case.measurement_schema import MeasurementSpec
 from palpate.validation.case.measurements import Measured, pins_of, read_measurement
 from palpate.validation.judging.measured_model import (
     Prediction,
@@ -66,16 +67,21 @@ class Validation(NamedTuple):
         return math.sqrt(self.numerical**2 + self.input**2 + self.data**2)
 
     @property
+    def doubt(self) -> float:
+        """2 u_val."""
+        return _COVERAGE * self.u_val
+
+    @property
     def margin(self) -> float:
         """|E| + 2 u_val: how far the prediction may be off."""
-        return abs(self.error) + _COVERAGE * self.u_val
+        return abs(self.error) + self.doubt
 
     @property
     def verdict(self) -> Verdict:
         """By |E| +- 2 u_val against the limit."""
         if self.margin <= self.limit:
             return Verdict.PASSED
-        if abs(self.error) - _COVERAGE * self.u_val > self.limit:
+        if abs(self.error) - self.doubt > self.limit:
             return Verdict.FAILED
         return Verdict.INCONCLUSIVE
 
@@ -111,14 +117,13 @@ def judge_measurements(
     found: list[tuple[CheckResult, MeasuredValues | None]] = []
     for spec in asked:
         measured = read_measurement(case, spec)
+        unjudged = partial(_unjudged, spec, case, candidate)
         if case.strain in failures and not spec.set:
-            found.append(
-                (_unjudged(spec, case, candidate, Verdict.FAILED, failures[case.strain]), None)
-            )
+            found.append((unjudged(Verdict.FAILED, failures[case.strain]), None))
             continue
         if spec.set and not candidate.can_be_asked:
             why = "a result file is of the case's own numbers, and this experiment has others"
-            found.append((_unjudged(spec, case, candidate, Verdict.SKIPPED, why), None))
+            found.append((unjudged(Verdict.SKIPPED, why), None))
             continue
         progress(f"{candidate.name} beside measurement {spec.name}")
         experiment = measured.at({}, like=case)
@@ -130,7 +135,7 @@ def judge_measurements(
             )
             says = read_state(measured, experiment, state, candidate.element)
         except CandidateFailedError as error:
-            found.append((_unjudged(spec, case, candidate, Verdict.FAILED, str(error)), None))
+            found.append((unjudged(Verdict.FAILED, str(error)), None))
             continue
         numerical = _bar_of_truth(measured, state, references, case)
         values = validate(measured, says, numerical=numerical)
@@ -187,36 +192,49 @@ def _input_variance(measured: Measured) -> Floats:
     case = measured.case
     key = (f"{case.name}\n{case.spec!r}", measured.spec.name)
     if key not in _variances:
-        given = case.spec.uncertainty
-        scales = {k: u for spec in given for k, u in zip(spec.inputs, spec.standard, strict=True)}
         found = np.zeros(len(measured.values))
-        if scales:
+        if case.spec.uncertainty:
             at, element = measured.at({}, like=case), Element.SMOOTHED
             there = solve_measured(measured, at, element=element)
-            found = variance_of(measured, there, given, scales, element=element, like=case)
+            found = input_variance(measured, {}, there, at, element=element)
         _variances[key] = found
     return _variances[key]
 
 
-def variance_of(
+def input_variance(
     measured: Measured,
+    values: Mapping[str, float],
     prediction: Prediction,
-    given: tuple[UncertaintySpec, ...],
-    scales: Mapping[str, float],
+    at: Case,
     *,
     element: Element,
-    like: Case,
 ) -> Floats:
-    """Variance of a prediction by uncertain inputs, (n,); `scales` are their uncertainties."""
-    slope = derivatives(measured, {}, scales, prediction, element=element, like=like)
-    columns = dict(zip(scales, slope.T, strict=True))
+    """Variance of a prediction by the inputs that its case says to be uncertain, shape (n,).
+
+    Args:
+        measured: The measurement.
+        values: Numbers of the case at which it is predicted, by key; these are not uncertain here.
+        prediction: By fastsim, there.
+        at: The case there, whose mesh is used again.
+        element: Tetrahedra of the prediction.
+    """
+    given = measured.case.spec.uncertainty
+    scales = {
+        key: u
+        for spec in given
+        for key, u in zip(spec.inputs, spec.standard, strict=True)
+        if key not in values
+    }
     variance = np.zeros(len(measured.values))
+    if not scales:
+        return variance
+    slope = derivatives(measured, values, scales, prediction, element=element, like=at)
+    columns = dict(zip(scales, (slope * np.array(list(scales.values()))).T, strict=True))
     for spec in given:
-        parts = np.array(
-            [columns[key] * u for key, u in zip(spec.inputs, spec.standard, strict=True)]
-        )
-        correlation = np.array(spec.correlation) if spec.correlation else np.eye(len(parts))
-        variance += np.einsum("in,ij,jn->n", parts, correlation, parts)
+        used = [k for k, key in enumerate(spec.inputs) if key in scales]
+        parts = np.array([columns[spec.inputs[k]] for k in used]).reshape(len(used), -1)
+        correlation = np.array(spec.correlation) if spec.correlation else np.eye(len(spec.inputs))
+        variance += np.einsum("in,ij,jn->n", parts, correlation[np.ix_(used, used)], parts)
     return np.maximum(variance, 0.0)
 
 
@@ -302,7 +320,7 @@ def _result(
         measured.labels[-len(values) :],
         measured.values[-len(values) :] / size,
         np.array([row.error for row in values]) / size + measured.values[-len(values) :] / size,
-        _COVERAGE * np.array([row.u_val for row in values]) / size,
+        np.array([row.doubt for row in values]) / size,
         np.array([pin.position / size for pin in pins.values()]).reshape(-1, 3),
     )
     check = CheckResult(
@@ -315,7 +333,7 @@ def _result(
         value=abs(value.error) / size,
         limit=limit,
         unit=unit,
-        reference_error=_COVERAGE * value.u_val / size,
+        reference_error=value.doubt / size,
         element=candidate.element,
     )
     return check, beside

@@ -160,11 +160,7 @@ def read_tracks(path: str | Path) -> Tracks:
     path = Path(path)
     if path.suffix.lower() == ".c3d":
         return _read_c3d(path)
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise MeasurementError(path.name, f"cannot be read as CSV ({error})") from None
+    rows = read_rows(path)
     if len(rows) < 2:
         raise ColumnError(path.name, "has no frame; needs a line of names and lines of numbers")
     names = [name.strip() for name in rows[0]]
@@ -182,6 +178,19 @@ def read_tracks(path: str | Path) -> Tracks:
     tracks = Tracks(path.name, time, _markers(path.name, names, values))
     _require_own_labels(tracks)
     return tracks
+
+
+def read_rows(path: Path) -> list[list[str]]:
+    """The rows of a CSV file that are not empty, as text.
+
+    Raises:
+        MeasurementError: The file is missing, or no text.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [row for row in csv.reader(file) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MeasurementError(path.name, f"cannot be read as CSV ({error})") from None
 
 
 def _read_c3d(path: Path) -> Tracks:

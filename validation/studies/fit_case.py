@@ -26,9 +26,9 @@ from palpate.meshes.problem import Element
 from palpate.reference.availability import is_available, require_available
 from palpate.validation.case import Case
 from palpate.validation.case.measurements import Measured, read_measurements
-from palpate.validation.case.variants import require_keys, value_of
+from palpate.validation.case.variants import known_keys, require_keys, value_of
 from palpate.validation.judging.case_references import find_references
-from palpate.validation.judging.measured import COVERAGE_OF_BAR, Validation
+from palpate.validation.judging.measured import COVERAGE_OF_BAR, Validation, input_variance
 from palpate.validation.judging.measured_model import (
     Prediction,
     derivatives,
@@ -120,7 +120,7 @@ class CaseFit:
             return math.nan, math.nan
         sizes = [row.limit if math.isfinite(row.limit) else 1.0 for row in rows]
         errors = [row.error / size for row, size in zip(rows, sizes, strict=True)]
-        doubts = [2.0 * row.u_val / size for row, size in zip(rows, sizes, strict=True)]
+        doubts = [row.doubt / size for row, size in zip(rows, sizes, strict=True)]
         error, doubt = (float(np.sqrt(np.mean(np.square(x)))) for x in (errors, doubts))
         return error, doubt
 
@@ -306,7 +306,8 @@ def fit_case(
     best = found.values
     predictions, held_out = {}, {}
     for name, one in measured.items():
-        coarse_values = coarse.predicted(one, best)[1].values
+        at, there = coarse.predicted(one, best)
+        coarse_values = there.values
         predictions[name] = coarse_values if better is None else better(one, best)
         if name in hold_out:
             progress(f"predicting {name}")
@@ -317,14 +318,16 @@ def fit_case(
                 experiments[name],
                 limit=np.full(len(one.values), limit),
                 numerical=numerical,
-                other_inputs=_other_inputs(one, keys, coarse, best),
+                other_inputs=np.sqrt(
+                    input_variance(one, coarse.numbers(best), there, at, element=element)
+                ),
             )
     runs = _by_run(measured, used, parameters, experiment, found.step) if by_run else ()
     return CaseFit(case, found, measured, used, predictions, held_out, runs, step, element)
 
 
 def _last_step(case: Case, asked: LastStep | None) -> LastStep:
-    edges = [key for key in _EDGES if _gives(case, key)]
+    edges = _edges(case)
     if asked is LastStep.REFERENCE:
         require_available()
     if asked is LastStep.MESH and not edges:
@@ -339,12 +342,9 @@ def _last_step(case: Case, asked: LastStep | None) -> LastStep:
     return LastStep.MESH if edges else LastStep.NONE
 
 
-def _gives(case: Case, key: str) -> bool:
-    try:
-        require_keys(case, [key])
-    except InputError:
-        return False
-    return True
+def _edges(case: Case) -> list[str]:
+    """Keys of edge lengths that a case gives."""
+    return [key for key in _EDGES if key in known_keys(case)]
 
 
 def _better(case: Case, coarse: _Body, step: LastStep, progress: Progress) -> Model | None:
@@ -353,7 +353,7 @@ def _better(case: Case, coarse: _Body, step: LastStep, progress: Progress) -> Mo
         return _Reference(coarse, progress).predict
     if step is LastStep.NONE:
         return None
-    (edge,) = [key for key in _EDGES if _gives(case, key)][:1]
+    edge = _edges(case)[0]
     finer = _Body(coarse.keys, coarse.element, {edge: _FINER * value_of(case, edge)})
 
     def predict(measured: Measured, values: Floats) -> Floats:
@@ -385,26 +385,6 @@ def _numerical(
     relative = float(off) / truth.max_displacement + bar
     size = float(np.linalg.norm(better.reshape(-1, 3), axis=1).max())
     return np.full(len(better), relative * size / COVERAGE_OF_BAR)
-
-
-def _other_inputs(measured: Measured, keys: Sequence[str], coarse: _Body, best: Floats) -> Floats:
-    """Standard uncertainty of predicted values by the case's uncertain inputs not fitted here."""
-    total = np.zeros(len(measured.values))
-    for spec in measured.case.spec.uncertainty:
-        scales = {
-            key: u for key, u in zip(spec.inputs, spec.standard, strict=True) if key not in keys
-        }
-        if not scales:
-            continue
-        case, found = coarse.predicted(measured, best)
-        slope = derivatives(
-            measured, coarse.numbers(best), scales, found, element=coarse.element, like=case
-        )
-        parts = slope * np.array(list(scales.values()))
-        kept = [k for k, key in enumerate(spec.inputs) if key in scales]
-        correlation = np.array(spec.correlation) if spec.correlation else np.eye(len(spec.inputs))
-        total += np.einsum("ni,ij,nj->n", parts, correlation[np.ix_(kept, kept)], parts)
-    return np.asarray(np.sqrt(np.maximum(total, 0.0)))
 
 
 def _by_run(

@@ -32,7 +32,7 @@ _MODELS = {
     LastStep.MESH: "cells of two thirds the edge",
     LastStep.NONE: "none: the mesh's error is in the values",
 }
-_LENGTHS = ("error", "numerical", "inputs", "data", "u_val", "limit")
+_PARTS = ("numerical", "inputs", "data", "u_val", "limit")
 
 
 def write_fits(fits: Mapping[str, CaseFit], folder: Path, console: Console) -> ExitCode:
@@ -189,7 +189,7 @@ def _tables(one: CaseFit, law: str) -> dict[str, Table]:
         title = f"{name}{law}, fitted to"
         if rows is not None:
             title = f"{name}{law}, held out"
-            columns |= {f"{key} [{unit}]": ".2g" for key in _LENGTHS[1:]} | {"verdict": ""}
+            columns |= {f"{key} [{unit}]": ".2g" for key in _PARTS} | {"verdict": ""}
             values = [line + _parts(row, size) for line, row in zip(values, rows, strict=True)]
         tables[f"measured-{name}"] = Table(title, columns, values)
     return tables

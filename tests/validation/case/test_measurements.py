@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_bars import MARKERS, case_text, write_tracks
+from measured_bars import FORCE_CURVE, MARKERS, case_text, write_tracks
 
 from palpate.meshes.errors import InputError
 from palpate.validation.case import CaseError, load_case
@@ -31,7 +31,8 @@ markers = ["above"]
 component = "z"
 uncertainty = 0.01
 """
-CURVE = """
+CURVE = (
+    """
 [[tool]]
 shape = "sphere"
 radius = 10.0
@@ -39,14 +40,9 @@ pose = [
   { time = 0.0, position = [50.0, 10.0, 30.1] },
   { time = 1.0, position = [50.0, 10.0, 26.1] },
 ]
-[[measurement]]
-name = "press"
-kind = "tool_force"
-files = ["press.csv"]
-tool = 1
-component = "z"
-uncertainty = 0.001
 """
+    + FORCE_CURVE
+)
 
 
 @pytest.fixture
@@ -257,6 +253,13 @@ def test_check_reads_what_was_measured(bar: Callable[..., Path], palpate_run: Ca
     ended = palpate_run("check", bar())
     assert ended.returncode == 0, ended.stderr
     assert "hung: 9 value(s), 2 run(s), at most 20 mm, standard uncertainty 0.1" in ended.stdout
+
+
+def test_a_curve_that_is_no_text_is_named(bar: Callable[..., Path], tmp_path: Path) -> None:
+    path = bar(CURVE)
+    (tmp_path / "press.csv").write_bytes(b"\xff\xfe\x00depth")
+    with pytest.raises(MeasurementError, match=r"press\.csv: cannot be read as CSV"):
+        read_measurements(load_case(path), ["press"])
 
 
 def test_nothing_swings_freely_under_a_tool(bar: Callable[..., Path]) -> None:

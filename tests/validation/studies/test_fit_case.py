@@ -10,7 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_bars import MARKERS, TRUE, exact_motions, measured_bar, write_tracks
+from measured_bars import (
+    FORCE_CURVE,
+    MARKERS,
+    TRUE,
+    exact_motions,
+    measured_bar,
+    write_tracks,
+)
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
@@ -257,7 +264,8 @@ def test_intervals_on_a_body_contain_what_made_the_data(tmp_path: Path, count: i
     assert np.all(np.median(widths, axis=0) < 1.3 * bound)
 
 
-PRESS = """
+PRESS = (
+    """
 schema = 1
 title = "A gel pressed by a ball"
 [units]
@@ -282,18 +290,13 @@ pose = [
   { time = 0.0, position = [20.0, 20.0, 32.01] },
   { time = 1.0, position = [20.0, 20.0, 28.01] },
 ]
-[[measurement]]
-name = "press"
-kind = "tool_force"
-files = ["press.csv"]
-tool = 1
-component = "z"
-uncertainty = 0.002
 [[check]]
 metric = "displacement_l2"
 limit = 1e-6
 reason = "the same equations"
 """
+    + FORCE_CURVE
+)
 
 
 def test_a_curve_of_force_over_depth_tells_the_modulus(tmp_path: Path) -> None:
