@@ -99,9 +99,7 @@ def audit_displacement(
 
 
 def _solver(discrete: DiscreteProblem, *, is_symmetric: bool) -> LinearSolver:
-    return LinearSolver(
-        discrete.space.coordinates, is_symmetric=is_symmetric, to_local=discrete.to_local
-    )
+    return LinearSolver(discrete.space, is_symmetric=is_symmetric, frames=discrete.frames)
 
 
 def _dual_norm(discrete: DiscreteProblem, residual: Floats) -> tuple[float, Floats]:

@@ -101,7 +101,7 @@ class _Modes:
     def _rows(self, matrix: Any) -> Any:
         from scipy.sparse import csr_matrix
 
-        rows, columns, values = matrix.getValuesCSR()
+        rows, columns, values = fenicsx.in_rows(matrix).getValuesCSR()
         self._whole = csr_matrix((values.copy(), columns.copy(), rows.copy()))
         return self._whole[self._free][:, self._free]
 
@@ -122,9 +122,7 @@ class _Modes:
     def _factors(self, displacement: Floats) -> tuple[Any, LinearSolver]:
         """A function that solves with the tangent at a displacement, and the solver behind it."""
         eq, free = self._discrete, self._free
-        solver = LinearSolver(
-            eq.space.coordinates, is_symmetric=True, is_always_direct=True, to_local=eq.to_local
-        )
+        solver = LinearSolver(eq.space, is_symmetric=True, is_always_direct=True, frames=eq.frames)
         matrix = eq.tangent(displacement, 1.0).copy()
         fixed, nothing = eq.fixed.dofs, np.zeros(len(eq.fixed.dofs))
         solver.solve(matrix, np.zeros(eq.num_dofs), fixed, nothing, tolerance=_TOLERANCE)

@@ -290,7 +290,9 @@ class DiscreteProblem(ElasticBody):
         trial = ufl.TrialFunction(self._unknown.function_space)
         self._tangent = fenicsx.form(self.work_change(trial))
         groups = [group for contact in self.contacts for group in contact.reached]
-        self._matrix = fenicsx.create_matrix(self._tangent, groups)
+        # Axes of nodes are turned, and pressures solved, by entries.
+        is_blocked = space.degree > 1 and self.frames is None and dofs is None
+        self._matrix = fenicsx.create_matrix(self._tangent, groups, is_blocked=is_blocked)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:

@@ -190,9 +190,7 @@ class Motion(MovingBody):
         self.solver: LinearSolver | LaggedFactors = (
             LaggedFactors(is_symmetric=self.is_symmetric)
             if is_direct
-            else LinearSolver(
-                space.coordinates, is_symmetric=self.is_symmetric, to_local=body.to_local
-            )
+            else LinearSolver(space, is_symmetric=self.is_symmetric, frames=body.frames)
         )
         is_linear = body.strain is Strain.LINEAR
         # Largest ratio of residuals by an iteration with an earlier tangent. Multigrid is set up

@@ -9,20 +9,30 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc, is_met_by_all
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.multigrid import (
+    LinearLevel,
+    aggregation_options,
+    attach_rigid_modes,
+    set_options,
+    smoother_options,
+)
+from palpate.reference.supports import NodeFrames
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
 LARGEST_DIRECT = 15_000
 # Up to this size a matrix for which multigrid fails is factored instead: about 3 GB.
 LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
+_OPTIONS = "palpate_reference_"
 
 
 class LinearSolveError(RuntimeError):
@@ -93,8 +103,9 @@ class LinearSolver:
     """Solves A du = b with some entries of du prescribed.
 
     Args:
-        coordinates: Rest position of each node that this rank owns [m], shape (num_blocks, 3).
+        space: Displacements, whose nodes that this rank owns are the unknowns, three each.
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
+        frames: Nodes whose unknowns are along axes of their own; None where there are none.
         has_contact: Whether contact stiffens some nodes along one direction: Jacobi's smoother
             then needs a wider bound of the eigenvalues.
         is_always_direct: Factor also where multigrid would be cheaper: for tangents that need not
@@ -102,24 +113,24 @@ class LinearSolver:
         num_multipliers: Number of unknowns besides displacements (pressures), each a negative pivot
             of a stable body; the solver is direct where there are any.
         largest_direct: Largest number of unknowns for factors; LARGEST_DIRECT where None.
-        to_local: Turns a flat vector along x, y, z to the axes that the unknowns are along.
     """
 
     def __init__(
         self,
-        coordinates: Points,
+        space: TransferredSpace,
         *,
         is_symmetric: bool,
+        frames: NodeFrames | None = None,
         has_contact: bool = False,
         is_always_direct: bool = False,
         num_multipliers: int = 0,
         largest_direct: int | None = None,
-        to_local: Callable[[Floats], Floats] | None = None,
     ) -> None:
-        self._to_local = to_local or (lambda flat: flat)
-        num_nodes = fenicsx.total(len(coordinates))
-        centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
-        self._centred = coordinates - centre
+        self._space, self._frames = space, frames
+        # The level below the multigrid of a higher degree, for the unknowns that are fixed now.
+        self._below: LinearLevel | None = None
+        self._fixed_below = np.zeros(0, dtype=np.int32)
+        num_nodes = space.num_global_blocks
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
         self._num_multipliers = num_multipliers
@@ -134,7 +145,10 @@ class LinearSolver:
         """What solves, for the log."""
         if self._is_direct:
             return f"{'LDL' if self._is_symmetric else 'LU'} (MUMPS)"
-        return f"{'CG' if self._is_symmetric else 'FGMRES'} with GAMG"
+        method = "CG" if self._is_symmetric else "FGMRES"
+        if self._space.degree == 1:
+            return f"{method} with GAMG"
+        return f"{method} with multigrid from degree {self._space.degree} to 1"
 
     def solve(
         self,
@@ -199,8 +213,8 @@ class LinearSolver:
         try:
             for is_prepared in tried:
                 if not (is_prepared or self._is_direct):
-                    self._attach_rigid_modes(matrix, fixed)
-                self._ksp.setOperators(matrix)
+                    self._prepare(matrix, fixed)
+                self._ksp.setOperators(matrix if is_prepared else self._to_prepare(matrix))
                 self._ksp.getPC().setReusePreconditioner(is_prepared)
                 self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
                 try:
@@ -232,8 +246,8 @@ class LinearSolver:
         prescribe(matrix, fixed, x, b, is_symmetric=self._is_symmetric)
         try:
             if not self._is_direct:
-                self._attach_rigid_modes(matrix, fixed)
-            self._ksp.setOperators(matrix)
+                self._prepare(matrix, fixed)
+            self._ksp.setOperators(self._to_prepare(matrix))
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
             self._ksp.getPC().setReusePreconditioner(not self._is_direct)
@@ -263,12 +277,16 @@ class LinearSolver:
             )
         ksp = self._direct()
         try:
-            ksp.setOperators(matrix)
+            ksp.setOperators(fenicsx.in_rows(matrix))
             with errors_of("MUMPS"):
                 ksp.solve(b, x)
             return self._has_good_pivots(ksp) if self._is_symmetric else True
         finally:
             ksp.destroy()
+
+    def _to_prepare(self, matrix: Any) -> Any:
+        """The matrix as factors need it, by entries; multigrid takes blocks."""
+        return fenicsx.in_rows(matrix) if self._is_direct else matrix
 
     def _run(self, b: Any, x: Any) -> None:
         with errors_of(self.name):
@@ -298,46 +316,35 @@ class LinearSolver:
 
     def _multigrid(self) -> Any:
         ksp = PETSc.KSP().create(fenicsx.COMM)
-        ksp.setOptionsPrefix("palpate_reference_")
-        options = PETSc.Options("palpate_reference_")
-        for key, value in {
-            "pc_gamg_type": "agg",
-            "pc_gamg_agg_nsmooths": 1,
-            "pc_gamg_threshold": 0.01,
-            "mg_levels_ksp_type": "chebyshev",
-            "mg_levels_pc_type": "jacobi",
-            "mg_levels_ksp_max_it": 3,
-            # Smooth up to this multiple of the estimated largest eigenvalue. Contact adds k n n^T
-            # at single nodes: up to 3 over its diagonal, which the few steps of the estimate miss.
-            "mg_levels_ksp_chebyshev_esteig": "0,0.2,0,3.0" if self._has_contact else "0,0.1,0,1.1",
-        }.items():
-            options[key] = value
+        ksp.setOptionsPrefix(_OPTIONS)
         ksp.setType("cg" if self._is_symmetric else "fgmres")
-        ksp.getPC().setType("gamg")
         # The stopping norm must be that of the true residual, which the outer loop relies on.
         if self._is_symmetric:
             ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        # Smooth up to this multiple of the estimated largest eigenvalue. Contact adds k n n^T
+        # at single nodes: up to 3 over its diagonal, which the few steps of the estimate miss.
+        bounds = "0,0.2,0,3.0" if self._has_contact else "0,0.1,0,1.1"
+        if self._space.degree == 1:
+            ksp.getPC().setType("gamg")
+            set_options(aggregation_options(_OPTIONS, 3, bounds))
+        else:
+            set_options(smoother_options(_OPTIONS, 2, bounds))
         ksp.setFromOptions()
         return ksp
 
-    def _attach_rigid_modes(self, matrix: Any, fixed: Indices) -> None:
-        extent = fenicsx.largest(float(np.max(np.abs(self._centred), initial=0.0)))
-        modes = np.zeros((6, len(self._centred), 3))
-        for axis in range(3):
-            modes[axis, :, axis] = 1.0
-            modes[3 + axis] = np.cross(np.eye(3)[axis], self._centred / extent)
-        flat = np.array([self._to_local(mode) for mode in modes.reshape(6, -1)])
-        flat[:, fixed] = 0.0
-        # Orthonormalise by the Gram matrix, summed over the ranks; drop modes that are zero.
-        sizes, directions = np.linalg.eigh(fenicsx.total(flat @ flat.T))
-        is_independent = sizes > 1e-10 * max(float(sizes[-1]), 1e-300)
-        vectors = []
-        for mode in (directions[:, is_independent] / np.sqrt(sizes[is_independent])).T @ flat:
-            vector = matrix.createVecRight()
-            vector.array[:] = mode
-            vectors.append(vector)
-        matrix.setBlockSizes(3, 3)
-        matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=fenicsx.COMM))
+    def _prepare(self, matrix: Any, fixed: Indices) -> None:
+        """Pass multigrid what it needs to know of a new matrix."""
+        if self._space.degree == 1:
+            turn = None if self._frames is None else self._frames.to_local
+            attach_rigid_modes(matrix, self._space.coordinates, fixed, turn)
+            return
+        if self._below is None or not np.array_equal(fixed, self._fixed_below):
+            self._below = LinearLevel(
+                self._space, fixed, self._frames, is_symmetric=self._is_symmetric
+            )
+            self._below.attach(self._ksp)
+            self._fixed_below = fixed
+        self._below.prepare(matrix, self._ksp.getPC())
 
 
 # Iterations of a solve above which the next matrix is factored anew.

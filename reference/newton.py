@@ -106,12 +106,12 @@ class Newton:
     def _solver(self, *, is_symmetric: bool) -> LinearSolver:
         eq = self._discrete
         return LinearSolver(
-            eq.space.coordinates,
+            eq.space,
             is_symmetric=is_symmetric,
             has_contact=bool(eq.contacts),
             num_multipliers=eq.num_pressures,
             largest_direct=self._largest_direct,
-            to_local=eq.to_local,
+            frames=eq.frames,
         )
 
     def destroy(self) -> None:

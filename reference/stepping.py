@@ -184,9 +184,9 @@ class SteppedBody(MovingBody):
         matrix = fenicsx.create_matrix(form)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         solver = LinearSolver(
-            self.body.space.coordinates,
+            self.body.space,
             is_symmetric=self.is_symmetric,
-            to_local=self.body.to_local,
+            frames=self.body.frames,
         )
         return form, matrix, solver
 
