@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.metrics import make_state
+from palpate.validation.references import statics
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest
 from palpate.validation.references.branches import (
     load_over_critical,
     mirror_images,
     says_of_branches,
 )
-from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 from palpate.validation.references.statics import solve_live
 from palpate.validation.report.buckling import load_over_critical as load_of_check
 from palpate.validation.report.preview import describe_case
@@ -150,6 +152,19 @@ def test_the_reader_is_told_what_the_record_says():
     assert list(says_of_branches({ADAPTIVE: {"green": {"load_over_critical": 0.9}}})) == []
     assert list(says_of_branches({ADAPTIVE: "none"})) == []
     assert load_over_critical({"load_over_critical": None}) == 0.0
+
+
+@pytest.mark.parametrize(("share", "number_of_lines"), [(0.9, 1), (1.3, 0)])
+def test_another_branch_is_no_coarse_mesh(share, number_of_lines):
+    problem = column(1.3)
+    states = {
+        (SAME_MESH, GREEN): state_of(problem, bent(problem)),
+        (TRUTH, GREEN): state_of(problem, bent(problem, -1.0)),
+    }
+    run = SimpleNamespace(
+        problem=problem, states=states, records={"green": {"load_over_critical": share}}
+    )
+    assert len(list(statics._LiveRun.coarse_meshes(run))) == number_of_lines
 
 
 def slender(write_case, force):
