@@ -227,6 +227,9 @@ def summary_markdown(board: Board) -> str:
             memory(row["memory"]),
         ]
         lines.append(f"| {' | '.join(map(for_markdown, cells))} |")
+    for entry in board.absent:
+        cells = [entry.title, entry.law.value, "not run here", *4 * ["–"]]
+        lines.append(f"| {' | '.join(map(for_markdown, cells))} |")
     cached = words_on_cached(board)
     return "\n".join([*lines, *(["", f"{cached}."] if cached else [])]) + "\n"
 

@@ -89,6 +89,7 @@ class Peer(_Model):
         packages: Packages that its results depend on: cached ones are of the same versions.
         program: Program that must be on the path.
         install: How it is installed.
+        not_run: Why it is run by nobody here, where it has no adapter.
         homepage: Address of the project.
         settings: Exact settings, with their sources.
         better: How to get better results from it, a sentence each.
@@ -113,6 +114,7 @@ class Peer(_Model):
     packages: tuple[str, ...] = ()
     program: str = ""
     install: str = ""
+    not_run: str = ""
     homepage: str = ""
     settings: tuple[Setting, ...] = ()
     better: tuple[str, ...] = ()
@@ -137,7 +139,7 @@ class Peer(_Model):
         """The command line that runs it; None where the simulator is not installed here."""
         if self.command:
             return self.command
-        if self.program and shutil.which(self.program) is None:
+        if not self.adapter or (self.program and shutil.which(self.program) is None):
             return None
         interpreter = self.interpreter()
         if interpreter is None:
@@ -154,9 +156,11 @@ class Peer(_Model):
         return [f"{name}={value}" for name, value in self.options.items()]
 
     def why_missing(self) -> str:
-        """How a reader can install it."""
+        """Why there is no result of it here, and how a reader can install it."""
+        if self.not_run:
+            return f"not run here: {self.not_run}"
         where = "" if self.program else f" ({VARIABLE} names other interpreters)"
-        return f"not installed here: {self.install}{where}"
+        return f"not run here, as it is not installed: {self.install}{where}"
 
 
 FASTSIM = tuple(

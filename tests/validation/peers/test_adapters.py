@@ -48,6 +48,8 @@ STATICS = {
     "ngsolve-p1": 1e-8,
     "tatva-tet4": 1e-8,
     "akantu-tet4": 1e-8,
+    "febio-tet4": 1e-8,
+    "sofa-tetrahedra": 1e-8,
     "mujoco-flex": 1e-5,
     "newton-semi-implicit": 5e-3,
 }

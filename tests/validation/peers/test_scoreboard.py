@@ -134,6 +134,26 @@ def test_a_failure_a_refusal_and_a_hang_are_shown_and_stop_nothing(tmp_path) -> 
     assert len(re.findall(r'<td class="failed"[^>]*>failed', index)) == 2
 
 
+def test_who_is_not_run_stands_there_with_the_reason_and_no_number(tmp_path) -> None:
+    right = program(tmp_path, "right", solve_static(load_case("stretch").problem).displacement)
+    missing = Peer(name="far", title="Far", adapter="febio", program="no-such", install="far.org")
+    never = Peer(name="never", title="Never", not_run="it has no body", homepage="https://x.org")
+    assert never.command_line() is None
+    board = board_of(tmp_path, [right, missing, never], ["stretch"])
+    assert [entry.name for entry in board.absent] == ["far", "never"]
+    write_board(board, tmp_path)
+    index = (tmp_path / "index.html").read_text("utf-8")
+    asked = index[index.index("<h2>Not run here") :]
+    assert 'Far: not installed. <span class="soft">far.org</span>' in asked
+    assert '<a href="https://x.org">Never</a>: it has no body.' in asked
+    lines = (tmp_path / "summary.md").read_text("utf-8").splitlines()
+    for title in ("Far", "Never"):
+        (line,) = [line for line in lines if line.startswith(f"| {title} ")]
+        assert not re.search(r"\d", line), line
+        assert "not run here" in line
+    assert "far" not in (tmp_path / "scores.csv").read_text("utf-8")
+
+
 def test_a_simulator_that_compiles_runs_once_for_nothing_on_a_case_it_takes(
     tmp_path,
 ) -> None:
@@ -229,6 +249,9 @@ def test_every_entry_states_its_settings_and_their_sources() -> None:
     everybody = [entry for entry in peers_on_board() if entry.is_outside]
     assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 9
     for entry in everybody:
+        assert bool(entry.not_run) != bool(entry.adapter), entry.name
+        if entry.not_run:
+            continue
         assert entry.settings, entry.name
         assert entry.better, entry.name
         assert entry.install, entry.name

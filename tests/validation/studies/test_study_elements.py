@@ -138,7 +138,8 @@ def test_tiny_bars_are_followed_and_a_perturbed_element_is_seen(
 
     found = follow(1.0)
     assert found.left_out == [
-        "none: not installed here: soon (PALPATE_BENCH_PYTHON names other interpreters)"
+        "none: not run here, as it is not installed: soon "
+        "(PALPATE_BENCH_PYTHON names other interpreters)"
     ]
     assert min(run.error for run in found.of(0.49, LINEAR)) > 0.5
     assert 0.0 < found.truth_changes[0.49] < 0.03
