@@ -254,16 +254,16 @@ LINES = {
         "degree 2 to 1",
     ),
     "validation": (
-        50235,
+        50385,
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners; "
         "issue 40: history of released versions, "
-        "more simulators, FEBio and SOFA; "
+        "more simulators, FEBio, SOFA and Drake; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        59100,
+        59135,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
@@ -305,8 +305,8 @@ LINES = {
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
     "validation/peers": (
-        7135,
-        "issue 40: released versions, three more simulators, XPBD, FEBio and SOFA",
+        7290,
+        "issue 40: released versions, three more simulators, XPBD, FEBio, SOFA and Drake",
     ),
     "validation/references": (
         3640,
