@@ -12,6 +12,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Traction
 from palpate.meshes.bricks import brick_box, side, support_of
+from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan, with_law
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
@@ -83,6 +84,17 @@ def test_an_adapter_agrees_with_fastsim(problem: Problem, name: str, is_moved: b
     apart = np.abs(found.displacement - expected).max() / np.abs(expected).max()
     assert apart <= STATICS[name]
     assert {"tool", "version", "law", "method", "seconds"} <= set(found.says)
+
+
+@pytest.mark.parametrize("name", ["drake-corotated", "akantu-tet4", "sofa-tetrahedra"])
+def test_the_weight_of_a_mass_on_the_surface_is_not_left_out(name: str) -> None:
+    """Spread as its mass is, it looks like the weight of a body of another density."""
+    down = (0.0, 0.0, -3.0)
+    mass = PointMass(END, 4.0)
+    loads = BodyForce((0.0, 0.0, -3000.0)), mass.weight(MESH.points, down)
+    found, posed = solved_by(name, dataclasses.replace(BODY, masses=(mass,), loads=loads))
+    expected = solve_static(posed).displacement
+    assert np.abs(found.displacement - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(("constants", "is_asked"), [("", True), (" constants=documented", False)])

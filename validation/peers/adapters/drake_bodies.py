@@ -55,9 +55,9 @@ class Static:
         rows, columns = np.repeat(cells, 4, axis=1).ravel(), np.tile(cells, (1, 4)).ravel()
         sixteenths = np.repeat(rho * harness.all_gradients(job)[1] / 16.0, 16)
         self._mass = coo_matrix((sixteenths, (rows, columns)), 2 * (len(points),)).tocsr()
-        load, gravity = unit * job["external_force"], unit * harness.gravity_of(job)
-        self._free, self._kick = ~fixed, np.zeros_like(load)
-        if np.abs(load - job["lumped_mass"][:, None] * gravity).max() > 1e-9 * np.abs(load).max():
+        load, lumped = unit * job["external_force"], np.asarray(self._mass.sum(axis=1))
+        self._free, self._kick, gravity = ~fixed, np.zeros_like(load), load.sum(0) / lumped.sum()
+        if np.abs(load - lumped * gravity).max() > 1e-9 * np.abs(load).max():
             if model is MaterialModel.kNeoHookean:
                 raise ValueError("kNeoHookean bears weight alone here")
             inverse = splu(self._mass[self._free][:, self._free].tocsc())
