@@ -263,12 +263,12 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        59135,
+        59175,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
-        "issue 38: first screen of a report",
+        "issue 38: first screen of a report; issue 40: stand-ins for FEBio and SOFA",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
