@@ -282,9 +282,9 @@ LINES = {
         "issue 36: `fit`, `solve --set`",
     ),
     "validation/diagnosis": (
-        2370,
-        "issue 40: Lamé's parameters by name, constants of stable laws; "
-        "issue 39: one cause of a law",
+        2520,
+        "issue 40: Lamé's parameters by name, constants of stable laws, loads and results in other "
+        "frames, plane stress and strain; issue 39: one cause of a law",
     ),
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (250, "as of 24 November 2026"),

@@ -24,7 +24,7 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.availability import is_available
 from palpate.validation.diagnosis.law_simulators import example_material
-from palpate.validation.diagnosis.static_hypotheses import lame_of
+from palpate.validation.diagnosis.material_hypotheses import lame_of
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.metrics.laws import energy_density, finite_stress, stress_change
 

@@ -29,6 +29,11 @@ from palpate.validation.diagnosis.explanation import (
     choose,
     displacement_words,
 )
+from palpate.validation.diagnosis.material_hypotheses import (
+    anisotropy_hypotheses,
+    law_hypotheses,
+    material_hypotheses,
+)
 from palpate.validation.diagnosis.motion_hypotheses import motion_hypotheses, stepper_of
 from palpate.validation.diagnosis.result_hypotheses import (
     Ask,
@@ -40,14 +45,12 @@ from palpate.validation.diagnosis.result_hypotheses import (
 )
 from palpate.validation.diagnosis.static_hypotheses import (
     StaticResult,
-    anisotropy_hypotheses,
     each_load_apart,
-    law_hypotheses,
     load_hypotheses,
-    material_hypotheses,
     support_hypotheses,
     tool_force_hypotheses,
     tool_hypotheses,
+    turned_loads,
 )
 from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.metrics.body import Body
@@ -140,7 +143,7 @@ def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str
 # Families of hypotheses of a static result; the next only where nothing simpler fits.
 _FAMILIES = (
     (law_hypotheses, load_hypotheses, support_hypotheses, tool_hypotheses),
-    (material_hypotheses, each_load_apart),
+    (material_hypotheses, each_load_apart, turned_loads),
     (anisotropy_hypotheses,),
 )
 

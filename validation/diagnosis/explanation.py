@@ -222,8 +222,25 @@ def displacement_words(factor: float) -> str:
     return f"displacement {in_words(factor)}"
 
 
-def stiffness_words(factor: float) -> str:
-    """A factor of the stiffness: in statics the same as one over it of every load."""
+# A factor is read as one of Poisson's ratio where it is so to four digits: a solver that comes to
+# rest to 1e-6 of its forces leaves a tenth of this.
+SAME_FACTOR = 1e-4
+
+
+def factor_formulas(factor: float, nu: float) -> str:
+    """Formulas of Poisson's ratio that are this factor, as " = (1 - nu) or ...", or ""."""
+    of = {"(1 - nu)": 1.0 - nu, "(1 + nu)": 1.0 + nu, "(1 - 2 nu)": 1.0 - 2.0 * nu}
+    of |= {"(1 - nu^2)": 1.0 - nu**2, "(2 (1 + nu))": 2.0 * (1.0 + nu)}
+    of |= {f"1 / {formula}": 1.0 / value for formula, value in of.items()}
+    found = [f for f, v in of.items() if abs(factor / v - 1.0) <= SAME_FACTOR and v != 1.0]
+    return f" = {' or '.join(found)}" if found else ""
+
+
+def stiffness_words(factor: float, nu: float) -> str:
+    """A factor of the stiffness: in statics the same as one over it of every load.
+
+    Where it is one of Poisson's ratio, as of a shear modulus taken for Young's, that is said too.
+    """
     over = 1.0 / factor if factor else 0.0
     known = snapped(over)
     loads = f"every load {in_words(over if known is None else known)}" if factor else ""
@@ -237,4 +254,5 @@ def stiffness_words(factor: float) -> str:
             1e6: " (lengths in millimetres, forces in newton)",
         }.get(factor, "")
         return f"stiffness {times:.4g} times too {size}{units}, or {loads}"
-    return f"stiffness {factor:.6g} times what was asked, or {loads}"
+    formulas = factor_formulas(factor, nu)
+    return f"stiffness {factor:.6g} times what was asked{formulas}, or {loads}"

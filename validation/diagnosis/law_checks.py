@@ -28,7 +28,7 @@ from palpate.validation.diagnosis.law_simulators import (
     rotations,
     separate_cells,
 )
-from palpate.validation.diagnosis.static_hypotheses import lame_of
+from palpate.validation.diagnosis.material_hypotheses import lame_of
 from palpate.validation.metrics.laws import OgdenTerms, finite_stress, linear, stress_change
 from palpate.validation.metrics.smoothing import Array
 from palpate.validation.states import CandidateFailedError, Progress

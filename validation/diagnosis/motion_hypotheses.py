@@ -29,7 +29,7 @@ from palpate.validation.diagnosis.explanation import (
     load_name,
     snapped,
 )
-from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses
+from palpate.validation.diagnosis.material_hypotheses import lame_hypotheses
 from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN, laws_instead_of_law
@@ -177,6 +177,9 @@ def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]
     equal = np.full_like(mass, mass.mean())
     yield "another lumping: every point the same mass", Cause.MASS, MotionHypothesis(mass=equal)
     mesh = body.mesh
+    at_point = np.bincount(mesh.cells.ravel(), minlength=mesh.num_points)
+    shared = MotionHypothesis(mass=mass.sum() * at_point / at_point.sum())
+    yield "another lumping: by the number of cells at a point, not by volume", Cause.MASS, shared
     if mesh.num_points <= _FULL_MASS:
         cell_mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(body.problem)[:, 2]
         full = np.zeros((mesh.num_points, mesh.num_points))

@@ -29,6 +29,7 @@ from palpate.validation.diagnosis.explanation import (
     is_unit,
     snapped,
 )
+from palpate.validation.diagnosis.static_hypotheses import turn_between
 
 # (num_times, num_points, 3)
 Fields = NDArray[np.float64]
@@ -68,9 +69,14 @@ def result_hypotheses(
     sizes = [float(np.linalg.norm(f, axis=-1).max()) for f in (fields, reference)]
     known = snapped(sizes[0] / sizes[1]) if sizes[1] > 0.0 else None
     unit = known if known in LENGTH_UNITS else None
+    turned = []
     for name, fixed in _turned(fields, unit or 1.0):
         words = name if unit is None else f"{name}, in {LENGTH_UNITS[unit]}"
-        yield tried(words, Cause.RESULT, fixed, 1 if unit is None else 2)
+        turned.append(tried(words, Cause.RESULT, fixed, 1 if unit is None else 2))
+    yield from turned
+    if not any(each.fits for each in turned):
+        for name, fixed in _turned_anyhow(fields, reference, rest):
+            yield tried(name, Cause.RESULT, fixed, 3)
     orders = [tried(name, Cause.RESULT, fixed) for name, fixed in _reordered(fields)]
     yield from orders
     if not any(each.fits for each in orders):
@@ -134,6 +140,16 @@ def _turned(fields: Fields, unit: float) -> Iterator[tuple[str, Fields]]:
             if order != (0, 1, 2) or len(set(signs)) > 1:
                 # Component k of the truth was written as component order[k].
                 yield _axes_words(order, signs), fields[..., order] * (np.array(signs) / unit)
+
+
+def _turned_anyhow(fields: Fields, reference: Fields, rest: Points) -> Iterator[tuple[str, Fields]]:
+    """By any angle: the displacement, or the positions with the body itself."""
+    for name, at in (("displacement", 0.0 * rest), ("positions", rest)):
+        mine, theirs = at + fields, at + reference
+        turn = turn_between(theirs.reshape(-1, 3), mine.reshape(-1, 3))
+        if turn is not None:
+            R, words = turn
+            yield f"{name} turned by {words}: a parent's rotation left out", mine @ R - at
 
 
 def _axes_words(order: tuple[int, ...], signs: tuple[float, ...]) -> str:

@@ -15,8 +15,6 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Traction
-from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.explanation import (
     CONVERGED,
@@ -34,16 +32,8 @@ from palpate.validation.diagnosis.explanation import (
     snapped,
     stiffness_words,
 )
-from palpate.validation.exchange.nodal_arrays import facet_areas, nodal_force
+from palpate.validation.exchange.nodal_arrays import facet_areas, lumped_mass, nodal_force
 from palpate.validation.metrics.body import Body, Mask, imbalance, relative_to
-from palpate.validation.metrics.laws import (
-    OTHER_STRAIN,
-    hooke,
-    laws_instead_of_law,
-    mistaken_constants,
-    push_forward,
-    strain_of,
-)
 from palpate.validation.metrics.smoothing import Array
 from palpate.validation.states import State
 
@@ -146,7 +136,8 @@ def load_hypotheses(result: StaticResult) -> Iterator[Explanation]:
             continue
         factor, is_known = known_factor(float(found[0]))
         if len(group) == len(loads) and factor > 0.0:
-            words, cause = stiffness_words(1.0 / factor), cause_of(factor, Cause.MATERIAL)
+            nu = body.problem.material.poissons_ratio
+            words, cause = stiffness_words(1.0 / factor, nu), cause_of(factor, Cause.MATERIAL)
         else:
             is_one = len(group) == 1 or name.startswith("every")
             words = f"{name} {'' if is_one else 'all '}{in_words(factor)}"
@@ -183,6 +174,76 @@ def each_load_apart(result: StaticResult) -> Iterator[Explanation]:
     )
     external = result.body.total([c * f for c, f in zip(factors, loads, strict=True)])
     yield result.tried(words, Cause.LOAD, 3, external=external)
+
+
+# Loads of one direction, to this part of them, determine a turn but for one about themselves.
+_ONE_DIRECTION = 1e-9
+
+
+def turned_loads(result: StaticResult) -> Iterator[Explanation]:
+    """Loads in another frame than the body, each or all: turned about one axis by one angle.
+
+    The same equations hold where the internal forces are turned back: those of a body whose parent
+    is turned, without that. A gravity that was not asked for is the last thing tried. Only worth
+    trying where nothing simpler fits.
+    """
+    body = result.body
+    rows = body.free.all(axis=1)
+    tried = []
+    for group, name in _groups(body.problem.loads).items():
+        mine, others = result.of_loads(group)
+        turn = turn_between(mine[rows], (result.internal - others)[rows])
+        if turn is None:
+            continue
+        R, words = turn
+        all_of = "" if len(group) == 1 or name.startswith("every") else "all "
+        where = "gravity" if _is_body_force(body.problem.loads, group) else "a load"
+        words = f"{name} {all_of}turned by {words}: {where} in another frame"
+        if len(group) == len(body.problem.loads):
+            words += ", or a parent's rotation left out"
+        tried.append(result.tried(words, Cause.LOAD, 2, external=others + mine @ R.T))
+    yield from tried
+    if any(each.fits for each in tried):
+        return
+    mass = lumped_mass(body.problem)
+    columns = [np.outer(mass, axis) for axis in np.eye(3)]
+    g = fit(columns, result.internal - result.external, body.free)
+    if g is not None:
+        words = f"gravity of ({', '.join(f'{c:.5g}' for c in g)}) m/s2 that was not asked for"
+        external = result.external + np.outer(mass, g)
+        yield result.tried(words, Cause.LOAD, 3, external=external)
+
+
+def _is_body_force(loads: tuple[Load, ...], group: frozenset[int]) -> bool:
+    return all(isinstance(loads[k], BodyForce) for k in group)
+
+
+def turn_between(vectors: Points, turned: Points) -> tuple[Array, str] | None:
+    """The rotation R that brings vectors nearest to others, and in words; (num_vectors, 3) each.
+
+    W. Kabsch, Acta Cryst. A 32, 1976; of vectors of one direction, the smallest such rotation. None
+    where it is no turn, or half of one of a single direction, which is a reversal.
+    """
+    if not (np.isfinite(vectors).all() and np.isfinite(turned).all()) or not len(vectors):
+        return None
+    U, sizes, Vt = np.linalg.svd(vectors.T @ turned)
+    if sizes[1] <= _ONE_DIRECTION * sizes[0]:
+        a, b = U[:, 0], Vt[0]
+        K = np.cross(np.eye(3), np.cross(a, b))  # K x = (a x b) x x
+        if a @ b <= _ONE_DIRECTION - 1.0:
+            return None
+        R: Array = np.eye(3) + K + K @ K / (1.0 + a @ b)
+    else:
+        R = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    size = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(size, np.trace(R) - 1.0))
+    if size <= _ONE_DIRECTION:
+        if angle < 1.0:
+            return None
+        axis, size = np.linalg.eigh(R)[1][:, 2], 1.0  # half a turn: the axis stays
+    x, y, z = np.round(axis / size, 3) + 0.0
+    return R, f"{np.degrees(angle):.2f} degrees about ({x:g}, {y:g}, {z:g})"
 
 
 def _pressures(loads: tuple[Load, ...]) -> frozenset[int]:
@@ -274,7 +335,8 @@ def _lengths(result: StaticResult) -> Iterator[Explanation]:
         if known is None or known <= 0.0 or given.fits:
             continue
         words = displacement_words(factor)
-        words += "" if known == 1.0 else f", and {stiffness_words(known)}"
+        nu = result.body.problem.material.poissons_ratio
+        words += "" if known == 1.0 else f", and {stiffness_words(known, nu)}"
         complexity, limit = (1, SINGLE) if known == 1.0 else (3, _BEYOND_SMALL)
         given = smaller.tried(words, Cause.UNITS, complexity, internal=known * smaller.internal)
         yield dataclasses.replace(given, limit=limit)
@@ -389,195 +451,3 @@ def tool_force_hypotheses(candidate: State, reference: State) -> Iterator[Explan
         name += ": the stiffness, or the unit of force"
     cause, complexity = cause_of(factor, Cause.MATERIAL), 1 if is_known else 2
     yield Explanation(name, cause, left, stated, OF_TOOL_FORCE, complexity)
-
-
-# A constant that differs by less from what was asked is said to be right.
-_SAME = 1e-5
-# A factor of one of Lamé's parameters is named to four digits: a solver that comes to rest to 1e-6
-# of its forces leaves a tenth of this.
-_FACTOR = 1e-4
-# Constants this many times larger than what was asked belong to a result that hardly moves, or to
-# a strain that the case does not have.
-_ABSURD = 1e3
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def law_hypotheses(result: StaticResult) -> Iterator[Explanation]:
-    """Each other law with the material asked for."""
-    body, u = result.body, result.displacement
-    for name, law in laws_instead_of_law(body.strain, body.law).items():
-        internal = body.internal(u, law)
-        tried = [result.tried(name, Cause.LAW, internal=internal)]
-        if name == OTHER_STRAIN[body.strain]:
-            # Pressures go with the strain measure, or are as they were asked for.
-            otherwise = body.external(u, is_other=True)
-            tried.append(result.tried(name, Cause.LAW, internal=internal, external=otherwise))
-        yield min(tried, key=lambda each: each.residual)
-    if body.problem.inclusions:
-        one = np.ones(body.mesh.num_cells)
-        lmbda, mu = (of * one for of in lame_of(body.problem.material))
-        name = "inclusions left out: one material everywhere"
-        internal = body.internal(u, lame=(lmbda, mu))
-        yield result.tried(name, Cause.MATERIAL, internal=internal)
-
-
-def material_hypotheses(result: StaticResult) -> Iterator[Explanation]:
-    """Lamé's parameters as the result has them, by least squares, and which mistake they are."""
-    body = result.body
-    H = body.gradient(result.displacement)
-    E = strain_of(H, body.strain)
-    none = np.zeros(body.mesh.num_cells)
-    # Poisson's ratio 0 has no lmbda to multiply: then in parts of mu.
-    base = body.lmbda if body.lmbda.all() else body.mu
-    if body.is_linear_in_strain:
-        volume_part = body.force_of(push_forward(H, hooke(E, base, none), body.strain))
-        shape_part = body.force_of(push_forward(H, hooke(E, none, body.mu), body.strain))
-    else:
-        # Linear in the moduli, all of them.
-        volume_part = body.internal(result.displacement, lame=(base, none))
-        shape_part = body.internal(result.displacement, lame=(none, body.mu))
-    has_forces = bool(result.external[body.free].any())
-    if has_forces:
-        found = fit([volume_part, shape_part], result.external, body.free)
-    else:
-        # Without forces only the ratio of the two is determined.
-        found = fit([volume_part], -shape_part, body.free)
-        found = None if found is None else np.array([found[0], 1.0])
-    if found is None:
-        return
-    a, b = (float(c) for c in found)
-    if abs(a - b) <= _SAME * abs(b) and base is body.lmbda:
-        # One factor for both is the stiffness, which is tried beside the loads.
-        return
-    lmbda, mu = a * float(base[0]), b * float(body.mu[0])
-    asked = body.problem.material
-    if not has_forces:
-        # As stiff as was asked, for lack of what would say otherwise.
-        stiffness = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
-        lmbda, mu = (asked.youngs_modulus / stiffness * of for of in (lmbda, mu))
-    name, complexity = _material_words(asked, lmbda, mu, has_forces=has_forces)
-    internal = a * volume_part + b * shape_part
-    yield result.tried(name, Cause.MATERIAL, complexity, internal=internal)
-
-
-def lame_of(material: Material) -> tuple[float, float]:
-    """Lamé's parameters lmbda and mu [Pa]."""
-    E, nu = material.youngs_modulus, material.poissons_ratio
-    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
-
-
-def lame_hypotheses(lmbda: Array, mu: Array, law: Law) -> dict[str, tuple[Array, Array]]:
-    """Lamé's parameters, numbers or arrays by cell, as mistakes would have them, by name.
-
-    Those of the constants of a stable neo-Hookean law under that law alone: at nu = 0.3 lmbda - mu
-    is a third of lmbda.
-    """
-    E = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu)
-    return {
-        **mistaken_constants(law, lmbda, mu),
-        "Lamé's parameters exchanged": (mu, lmbda),
-        "bulk modulus instead of Lamé's lmbda": (lmbda + 2.0 * mu / 3.0, mu),
-        "Lamé's lmbda instead of the bulk modulus": (lmbda - 2.0 * mu / 3.0, mu),
-        "mu instead of 2 mu": (lmbda, 0.5 * mu),
-        "4 mu instead of 2 mu": (lmbda, 2.0 * mu),
-        "Young's modulus instead of mu": (lmbda, E),
-        "lmbda of plane stress": (2.0 * lmbda * mu / (lmbda + 2.0 * mu), mu),
-        "lmbda left out": (0.0 * lmbda, mu),
-        "Young's modulus and the shear modulus taken for lmbda and mu": (E, mu),
-    }
-
-
-def _material_words(
-    asked: Material, lmbda: float, mu: float, *, has_forces: bool
-) -> tuple[str, int]:
-    E0, nu0 = asked.youngs_modulus, asked.poissons_ratio
-    l0, m0 = (np.array(of) for of in lame_of(asked))
-    for name, (l1, m1) in lame_hypotheses(l0, m0, asked.law).items():
-        if abs(lmbda - l1) + abs(mu - m1) <= _SAME * (abs(l0) + 2.0 * m0):
-            return name, 1
-    if lmbda + mu == 0.0:
-        return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
-    E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)
-    ratio = f"Poisson's ratio {nu:.6g} instead of {nu0:.6g}"
-    of_lmbda, of_mu = (float(a / b) if b else 0.0 for a, b in ((lmbda, l0), (mu, m0)))
-    if not has_forces:
-        # The ratio of the two alone: several mistakes make the same one.
-        several = lame_factor_words("lmbda", of_lmbda / of_mu if of_mu else 0.0, nu0)
-        if several:
-            return f"{several}, or {ratio}: without forces they are the same", 2
-        return ratio, 2
-    for parameter, times, other in (("lmbda", of_lmbda, of_mu), ("mu", of_mu, of_lmbda)):
-        words = lame_factor_words(parameter, times, nu0)
-        if words and abs(other - 1.0) <= _FACTOR:
-            return words, 2
-    if abs(E / E0 - 1.0) <= _SAME:
-        return ratio, 2
-    factor = snapped(E / E0)
-    return f"Young's modulus {factor or E / E0:.6g} times what was asked, and {ratio}", 3
-
-
-def lame_factor_words(parameter: str, factor: float, nu: float) -> str:
-    """What is said where one of Lamé's parameters is a known factor of what was asked, or "".
-
-    Args:
-        parameter: "lmbda" or "mu".
-        factor: How many times what was asked it is [-].
-        nu: Poisson's ratio that was asked for [-].
-    """
-    known = {2.0: "", 0.5: "", 3.0: "", 1 / 3: "", 1.5: "", 2 / 3: "", 4.0: "", 0.25: ""}
-    for value, formula in (
-        (1.0 - nu, "1 - nu"),
-        (1.0 + nu, "1 + nu"),
-        (1.0 - 2.0 * nu, "1 - 2 nu"),
-    ):
-        for times, words in ((value, f"({formula})"), (1.0 / value, f"1 / ({formula})")):
-            known[times] = f" = {words}" if known.get(times) is None else f" or {words}"
-    found = [value for value in known if abs(factor / value - 1.0) <= _FACTOR]
-    if not found or abs(factor - 1.0) <= _FACTOR:
-        return ""
-    also = "".join(known[value] for value in found)
-    return f"Lamé's {parameter} {factor:.3f} times what was asked{also}"
-
-
-def anisotropy_hypotheses(result: StaticResult) -> Iterator[Explanation]:
-    """Nine constants of a stiffness that is symmetric to the axes, by least squares.
-
-    Of one material everywhere, with the stress linear in the strain. Worth trying only where
-    nothing simpler fits: it takes in every isotropic one.
-    """
-    body = result.body
-    if body.problem.inclusions or not result.external[body.free].any():
-        return
-    if not body.is_linear_in_strain:
-        return
-    H = body.gradient(result.displacement)
-    E = strain_of(H, body.strain)
-    columns = []
-    for i, j in _PAIRS:
-        S = np.zeros_like(E)
-        S[:, i, i] += E[:, j, j]
-        if i != j:
-            S[:, j, j] += E[:, i, i]
-        columns.append(S)
-    for i, j in _PAIRS[3:]:
-        S = np.zeros_like(E)
-        S[:, i, j] = S[:, j, i] = 2.0 * E[:, i, j]
-        columns.append(S)
-    forces = [body.force_of(push_forward(H, S, body.strain)) for S in columns]
-    found = fit(forces, result.external, body.free)
-    if found is None or np.abs(found).max() > _ABSURD * body.lmbda.max() + _ABSURD * body.mu.max():
-        return
-    internal = body.total([c * f for c, f in zip(found, forces, strict=True)])
-    l0, m0 = float(body.lmbda[0]), float(body.mu[0])
-    asked = np.array([l0 + 2.0 * m0] * 3 + [l0] * 3 + [m0] * 3)
-    yield result.tried(_constants(found, asked), Cause.LAW, 4, internal=internal)
-
-
-def _constants(found: Array, asked: Array) -> str:
-    names = [f"C{i + 1}{j + 1}" for i, j in _PAIRS] + ["C66", "C55", "C44"]
-    changed = [
-        f"{name} {c:.5g} Pa where {a:.5g} Pa was asked"
-        for name, c, a in zip(names, found, asked, strict=True)
-        if abs(c - a) > 1e-4 * asked[0]
-    ]
-    return "the law is not isotropic: " + ", ".join(changed)

@@ -321,6 +321,9 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
     # A mistake in Saint-Venant-Kirchhoff's own formula is no mistake in another law's.
     common = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
     found = {name: others[name] for name in common}
+    if not (asked is Law.OGDEN or asked.has_c01):
+        name = "volume of inverted cells by its absolute value (|det F|)"
+        found[name] = partial(_reflected, asked)
     for law in Law:
         if not (law in (asked, Law.OGDEN) or law.has_c01):
             found[f"{law} law"] = partial(_without_c01, law)
@@ -330,6 +333,16 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
 def _with_logarithm(lmbda: Any, mu: Any) -> tuple[Any, Any]:
     """The law's own mu and lambda, of those at rest (Smith, De Goes, Kim 2018, section 3.4)."""
     return 4.0 / 3.0 * mu, lmbda + 5.0 / 6.0 * mu
+
+
+def _reflected(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:
+    """P of W(|det F|, C): that of F Q with a reflection Q where F is inverted, times Q.
+
+    C and Q^T C Q have the same invariants, and det F Q = -det F.
+    """
+    Q = np.where(np.linalg.det(_ONE + H)[:, None, None] < 0.0, np.diag([1.0, 1.0, -1.0]), _ONE)
+    P: Array = _without_c01(law, (_ONE + H) @ Q - _ONE, lmbda, mu) @ Q
+    return P
 
 
 def _without_c01(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:

@@ -18,15 +18,19 @@ MISTAKES = {
         "not-pushed-forward", "pressure-sign", "dead-pressure", "no-pressure", "no-dead-loads",
         "weight-twice", "pascal-as-kilopascal", "softer", "poisson", "swapped-lame", "loads-98",
         "orthotropic", "single", "other-order", "numbered-from-1", "half-support",
-        "millimetre-mesh", "neo-hookean",
+        "millimetre-mesh", "neo-hookean", "tensor-shear", "plane-stress", "plane-stress-ratio",
+        "young-for-shear", "shear-for-young", "one-minus-nu", "weight-turned", "parent-turned",
+        "answer-turned", "positions-turned",
     ),
     "motion": (
-        "no-damping", "damping-twice", "heavier", "equal-masses", "wrong-start", "semi-implicit",
-        "one-output-late", "half-step", "other-strain", "softer",
+        "no-damping", "damping-twice", "heavier", "equal-masses", "masses-by-cells", "wrong-start",
+        "semi-implicit", "one-output-late", "half-step", "other-strain", "softer",
     ),
     "unknown": ("noise", "corner", "dropped-cell", "moved-node", "unconverged", "jitter"),
 }  # fmt: skip
 ONE = np.eye(3)
+# By 60 degrees about z.
+TURN = np.array([[0.5, -(0.75**0.5), 0], [0.75**0.5, 0.5, 0], [0, 0, 1]])
 
 
 def T(A):  # noqa: N802
@@ -37,8 +41,13 @@ def stress(H, rest, strain, mistake):
     """First Piola-Kirchhoff stress of the displacement gradient."""
     E, nu = rest["youngs_modulus"], rest["poissons_ratio"]
     E = E * {"softer": 0.98, "pascal-as-kilopascal": 1e3}.get(mistake, 1.0)
+    E = E / (2 * (1 + nu) if mistake == "shear-for-young" else 1)
+    E = E * (1 - nu if mistake == "one-minus-nu" else 1)
     nu = nu + 0.03 * (mistake == "poisson")
+    nu = nu / (1 + nu if mistake == "plane-stress-ratio" else 1)
     lmbda, mu = E * nu / (1 + nu) / (1 - 2 * nu), E / 2 / (1 + nu)
+    lmbda = E * nu / (1 - nu**2) if mistake == "plane-stress" else lmbda
+    mu = E if mistake == "young-for-shear" else mu
     lmbda, mu = (mu, lmbda) if mistake == "swapped-lame" else (lmbda, mu)
     lmbda, mu = lmbda[:, None, None], mu[:, None, None]
     F = ONE + H
@@ -47,7 +56,7 @@ def stress(H, rest, strain, mistake):
         return mu * (F - inverse) + lmbda * np.log(np.linalg.det(F))[:, None, None] * inverse
     e = (H + T(H) + (T(H) @ H if strain == "green" else 0)) / 2
     S = lmbda * np.trace(e, axis1=1, axis2=2)[:, None, None] * ONE + 2 * mu * e
-    S = S * np.where(ONE > 0, 1, 2 if mistake == "engineering-shear" else 1)
+    S = S * np.where(ONE > 0, 1, {"engineering-shear": 2, "tensor-shear": 0.5}.get(mistake, 1))
     S = S + (mu * e * np.diag([1, 0, 0]) if mistake == "orthotropic" else 0)
     return S if strain == "linear" or mistake == "not-pushed-forward" else F @ S
 
@@ -71,6 +80,8 @@ class Body:
         self.dead = rest["external_force"] * {"no-dead-loads": 0, "loads-98": 0.98}.get(mistake, 1)
         if mistake == "weight-twice":
             self.dead = self.dead + rest["lumped_mass"][:, None] * [0, 0, -9.81]
+        if mistake == "weight-turned":
+            self.dead = self.dead + rest["lumped_mass"][:, None] * [0, -9.81, 9.81]
         self.follows = strain == "green" and mistake != "dead-pressure"
         self.pressure = rest["pressure"] * {
             "pressure-sign": -1,
@@ -84,7 +95,7 @@ class Body:
         P = self.volume[:, None, None] * stress(H, self.rest, self.strain, self.mistake)
         f = np.zeros(u.shape, u.dtype)
         np.add.at(f, self.cells, self.G @ T(P))
-        return f
+        return f @ T(TURN) if self.mistake == "parent-turned" else f
 
     def tangent(self, u):
         H, K = T(u[self.cells]) @ self.G, np.zeros((u.size, u.size))
@@ -97,6 +108,8 @@ class Body:
                 rows = (self.G @ T(self.volume[:, None, None] * dP)).reshape(len(H), 12)
                 for b in range(4):
                     np.add.at(K, (dofs, dofs[:, [3 * b + i]]), rows * self.G[:, b, j][:, None])
+        if self.mistake == "parent-turned":
+            K = np.kron(np.eye(len(u)), TURN) @ K
         return K
 
     def push(self, u):
@@ -137,6 +150,9 @@ def move(body, span):
     mistake, d = body.mistake, span["mass_damping"]
     d = d * {"no-damping": 0, "damping-twice": 2}.get(mistake, 1)
     m = body.rest["lumped_mass"][:, None] * (1.02 if mistake == "heavier" else 1)
+    if mistake == "masses-by-cells":
+        count = np.bincount(body.cells.ravel())[:, None]
+        m = m.sum() * count / count.sum()
     m = np.full_like(m, m.mean()) if mistake == "equal-masses" else m
     every = round(span["end_time"] / span["num_outputs"] / span["time_step"])
     every = every * (2 if mistake == "half-step" else 1)
@@ -173,6 +189,10 @@ def answer(case, result, mistake=""):
             u = u[..., [1, 0, 2]]
         case "positions":
             u = u + body.X
+        case "answer-turned":
+            u = u @ T(TURN)
+        case "positions-turned":
+            u = (u + body.X) @ T(TURN) - body.X
         case "single":
             u = u.astype(np.float32)
         case "other-order":

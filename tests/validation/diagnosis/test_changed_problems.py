@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -129,6 +130,15 @@ def test_a_law_or_modulus_in_the_place_of_neo_hookes(changes, name):
         (1.0, 3.0, "Lamé's mu 3.000 times what was asked"),
         (1.0 / 3.0, 1.0, "Lamé's lmbda 0.333 times what was asked"),
         (0.7, 1.0, "Lamé's lmbda 0.700 times what was asked = (1 - nu)"),
+        (0.5, 1.0, "Lamé's lmbda 0.500 times what was asked"),
+        (1.0, 0.5, "mu instead of 2 mu"),
+        # nu = 0.3: 2 nu mu / (1 - 3 nu) = 6 mu, and lmbda = 1.5 mu
+        (
+            4.0,
+            1.0,
+            "constants of plane strain, E / (1 - nu^2) and nu / (1 - nu), or Lamé's lmbda 4.000 "
+            "times what was asked",
+        ),
         (2.003, 1.0, None),
         (1.997, 1.0, None),
         (0.702, 1.0, None),
@@ -158,6 +168,48 @@ def test_lambda_without_forces_is_one_of_several():
     asked = case_of("stretch").problem
     other = replace(asked, material=replace(asked.material, poissons_ratio=0.375))
     assert name_of(asked, other) == (
-        "Lamé's lmbda 2.000 times what was asked, or Poisson's ratio 0.375 instead of 0.3: "
-        "without forces they are the same"
+        "Lamé's lmbda 2.000 times what was asked, or Poisson's ratio 0.375 instead of 0.3, or mu "
+        "instead of 2 mu: without forces they are the same"
+    )
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (3.0, "stiffness 3 times what was asked, or every load 0.333333 times what was asked"),
+        (0.5, "stiffness 0.5 times what was asked, or every load counted twice"),
+        (
+            0.91,
+            "stiffness 0.91 times what was asked = (1 - nu^2), or every load 1.0989 times what "
+            "was asked",
+        ),
+        (0.911, "stiffness 0.911 times what was asked, or every load 1.09769 times what was asked"),
+    ],
+)
+def test_a_factor_of_the_stiffness_is_named_and_told_from_its_neighbours(factor, words):
+    problem = case_of("stretch").problem
+    asked = replace(problem, loads=(BodyForce((0.0, 9e3, -2e4)), BodyForce((1e3, 0.0, 0.0))))
+    modulus = factor * asked.material.youngs_modulus
+    stiffer = replace(asked, material=replace(asked.material, youngs_modulus=modulus))
+    assert name_of(asked, stiffer) == words
+
+
+def test_gravity_that_was_not_asked_for_is_named_with_its_size(problem):
+    weight = BodyForce(tuple(1000.0 * g for g in (0.0, 0.01, -0.0981)))
+    asked = replace(problem, material=replace(problem.material, density=1000.0))
+    heavy = replace(asked, loads=(*asked.loads, weight))
+    name = "gravity of (0, 0.01, -0.0981) m/s2 that was not asked for"
+    for reference in (solved(asked), None):
+        assert re.sub(r"-?\d\.?\d*e-1\d", "0", name_of(asked, heavy, reference)) == name
+
+
+@pytest.mark.parametrize("angle", [0.5, 60.0, 60.1])
+def test_gravity_in_another_frame_is_named_with_its_angle(angle):
+    problem = case_of("stretch").problem
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    down = replace(problem, loads=(BodyForce((0.0, 0.0, -2e4)),))
+    turned = replace(problem, loads=(BodyForce((0.0, 2e4 * s, -2e4 * c)),))
+    assert name_of(down, turned) == (
+        f"load 1 (body force) turned by {angle:.2f} degrees about (1, 0, 0): gravity in another "
+        "frame, or a parent's rotation left out"
     )

@@ -24,7 +24,10 @@ OF_ANSWER = {
     "swapped-axes": "components x and y exchanged",
     "positions": "positions sent for displacements",
 }
+ABOUT_Z = "turned by 60.00 degrees about (0, 0, 1)"
 OF_ORDER = {
+    "answer-turned": f"displacement {ABOUT_Z}: a parent's rotation left out",
+    "positions-turned": f"positions {ABOUT_Z}: a parent's rotation left out",
     "other-order": "points in another order",
     "numbered-from-1": "points numbered one off",
 }
@@ -49,15 +52,34 @@ OF_PROBLEM = {
     "poisson": "Poisson's ratio 0.43 instead of 0.4",
     "swapped-lame": "Lamé's parameters exchanged",
     # lmbda + 2 mu = 10 kPa 0.6 / (1.4 0.2) = 21429 Pa, and mu = 10 kPa / 2.8 = 3571 Pa more.
+    # (1 - 2 nu) / (1 - nu) at nu = 0.4
+    "plane-stress": "lmbda of plane stress, or Lamé's lmbda 0.333 times what was asked",
+    "plane-stress-ratio": "Poisson's ratio nu / (1 + nu), of plane stress",
+    "young-for-shear": "Young's modulus instead of mu",
+    "weight-turned": "load 2 (body force) turned by 90.00 degrees about (-1, 0, 0): gravity in "
+    "another frame",
+    # R f = load, and so f = R^T load: turned back.
+    "parent-turned": "every load turned by 60.00 degrees about (0, 0, -1): a load in another "
+    "frame, or a parent's rotation left out",
     "orthotropic": "the law is not isotropic: C11 25000 Pa where 21429 Pa was asked",
     "half-support": "support 1 is fixed in part: 3 of its 9 points are not fixed",
     "millimetre-mesh": "lengths given 1000 times too large, the displacement with them; forces "
     "and stresses as they are",
 }
+# Those that make the block so soft that it bears a third of its loads alone.
+OF_SOFTER = {
+    "tensor-shear": "tensor shear strain taken for engineering shear: shear stresses halved",
+    # 1 / 2.8 and 1 - 0.4
+    "shear-for-young": "stiffness 0.357143 times what was asked = 1 / (2 (1 + nu)), or every load "
+    "2.8 times what was asked",
+    "one-minus-nu": "stiffness 0.6 times what was asked = (1 - nu), or every load 1.66667 times "
+    "what was asked",
+}
 OF_MOTION = {
     "no-damping": "damping left out",
     "damping-twice": "damping twice what was asked (D = 2 lambda M)",
     "heavier": "density 1.02 times what was asked",
+    "masses-by-cells": "another lumping: by the number of cells at a point, not by volume",
     "equal-masses": "another lumping: every point the same mass",
     "wrong-start": "wrong start: the step before the first taken for the first, without half of "
     "its acceleration",
@@ -82,7 +104,7 @@ def test_every_mistake_that_can_be_seeded_is_tried_here() -> None:
     from .conftest import load_simulator
 
     mistakes = load_simulator().MISTAKES
-    assert set(mistakes["statics"]) == {*OF_ANSWER, *OF_ORDER, *OF_PROBLEM, "single"}
+    assert set(mistakes["statics"]) == {*(*OF_ANSWER, *OF_ORDER, *OF_PROBLEM, *OF_SOFTER, "single")}
     assert set(mistakes["motion"]) == set(OF_MOTION)
 
 
@@ -103,6 +125,23 @@ def test_a_seeded_mistake_is_named_without_a_reference(
 ) -> None:
     problem = case_of("block").problem
     assert named(diagnose(problem, answers.of("block", mistake), None)) == name
+
+
+@pytest.mark.parametrize(("mistake", "name"), OF_SOFTER.items())
+def test_a_mistake_that_makes_the_body_softer_is_named(
+    mistake: str, name: str, answers: Any
+) -> None:
+    problem = case_of("block").problem
+    pressure, weight, force = problem.loads
+    loads = (
+        replace(pressure, pressure=0.3 * pressure.pressure),
+        replace(weight, force_density=tuple(0.3 * f for f in weight.force_density)),
+        replace(force, traction=tuple(0.3 * f for f in force.traction)),
+    )
+    problem = replace(problem, loads=loads)
+    diagnosis = diagnose(problem, answers.to(problem, Strain.GREEN, mistake), None)
+    assert named(diagnosis) == name
+    assert len(diagnosis.explanations) == 1
 
 
 @pytest.mark.parametrize(("mistake", "name"), OF_MOTION.items())
