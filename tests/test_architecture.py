@@ -306,7 +306,8 @@ LINES = {
     ),
     "validation/peers": (
         7290,
-        "issue 40: released versions, three more simulators, XPBD, FEBio, SOFA and Drake",
+        "issue 40: released versions, three more simulators, XPBD, FEBio, SOFA and Drake; work "
+        "against precision of press and strip",
     ),
     "validation/references": (
         3640,

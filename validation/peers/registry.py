@@ -15,7 +15,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -97,6 +97,8 @@ class Peer(_Model):
         element: The tetrahedra that it is judged by on the same mesh, whatever its results state.
         is_outside: Whether it is an outside simulator; fastsim is none.
         on_board: Whether it is on the scoreboard.
+        varies: What its adapter takes in motions beside meshes: "substeps", or "iterations" with a
+            stated time step; "" where it is not in the motion of that study.
         frontier: Its largest number of divisions in the study frontier; 0 leaves it out there.
         bench: The benchmarks that it is timed in.
     """
@@ -122,6 +124,7 @@ class Peer(_Model):
     element: Element = Element.LINEAR
     is_outside: bool = True
     on_board: bool = True
+    varies: Literal["", "substeps", "iterations"] = ""
     frontier: int = 0
     bench: tuple[Timing, ...] = ()
 

@@ -22,16 +22,28 @@ STVK = "Saint-Venant-Kirchhoff"
 
 @dataclass(frozen=True, eq=False)
 class FieldTruth:
-    """The displacement by quadratic elements, at the points of a problem's mesh [m]."""
+    """The displacement by quadratic elements, at the points of a problem's mesh [m].
+
+    Of a motion at each of its outputs, (num_times, num_points, 3).
+    """
 
     problem: Problem
     displacement: Points
 
     def error_of(self, other: TetMesh, displacement: Points) -> float:
-        """Relative L2 distance of a solution on another mesh [-]."""
-        mesh = self.problem.mesh
-        there = read_at(other, displacement, mesh.points)
-        return l2_norm(mesh, there - self.displacement) / l2_norm(mesh, self.displacement)
+        """Relative L2 distance of a solution on another mesh [-].
+
+        Of a motion the largest of all times, over the largest displacement of all.
+        """
+        mesh, cells = self.problem.mesh, other.cells
+        where = locate(other.points, cells, mesh.points)
+        shape = (-1, other.num_points, 3)
+        there = np.array([where.read(cells, state) for state in displacement.reshape(shape)])
+        truth = self.displacement.reshape(-1, mesh.num_points, 3)
+        if len(there) != len(truth):
+            return float("inf")
+        off = [l2_norm(mesh, state) for state in there - truth]
+        return max(off) / max(l2_norm(mesh, state) for state in truth)
 
     def change_of(self, coarser: FieldTruth) -> float:
         """Relative L2 distance from a truth on a coarser mesh, at its points [-]."""

@@ -108,10 +108,11 @@ class Line:
 class Panel:
     """Lines in one pair of axes, in this order.
 
-    `log` names the axes that are logarithmic: "", "x", "y" or "xy". Dotted lines mark `levels` of y
-    and `positions` of x, each with the text along its line; `band` is grey, on y; `notes` are texts
-    at (x, y), `ticks` at values of x, `y_ticks` of y. An end of a range that is None is what the
-    lines need. What `is_to_scale` has one scale for x and y.
+    `log` names the axes that are logarithmic: "", "x", "y" or "xy". Dotted lines mark `levels` of
+    y, with a text each at their right end where they are a mapping, and `positions` of x, with the
+    text along its line; `band` is grey, on y; `notes` are texts at (x, y), `ticks` at values of x,
+    `y_ticks` of y. An end of a range that is None is what the lines need. What `is_to_scale` has
+    one scale for x and y.
     """
 
     lines: Sequence[Line]
@@ -119,7 +120,7 @@ class Panel:
     y: str = ""
     title: str = ""
     log: str = ""
-    levels: Sequence[float] = ()
+    levels: Sequence[float] | Mapping[float, str] = ()
     positions: Mapping[float, str] = field(default_factory=dict)
     band: tuple[float, float] | None = None
     notes: Sequence[tuple[float, float, str]] = ()
@@ -159,7 +160,9 @@ def line_figure(
                 lb: h for handles, words in found for h, lb in zip(handles, words, strict=True)
             }
             inches = sum(0.55 + 0.075 * len(label) for label in labels)
-            columns = math.ceil(len(labels) / math.ceil(inches / width))
+            widest = 0.55 + 0.075 * max((len(label) for label in labels), default=0)
+            rows_needed = max(math.ceil(inches / width), math.ceil(len(labels) * widest / width))
+            columns = math.ceil(len(labels) / rows_needed) if inches > width else len(labels) or 1
             figure.legend(
                 labels.values(), labels.keys(), loc="lower center", ncols=columns,
                 frameon=False, fontsize=9,
@@ -183,6 +186,11 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_yscale("log" if "y" in panel.log else "linear")
     for level in panel.levels:
         axes.axhline(level, color="black", lw=0.8, ls=":")
+        words = panel.levels.get(level, "") if isinstance(panel.levels, Mapping) else ""
+        axes.annotate(
+            words, (1.0, level), (3, 0), xycoords=axes.get_yaxis_transform(),
+            textcoords="offset points", ha="left", va="center", fontsize=7,
+        )  # fmt: skip
     for position, words in panel.positions.items():
         axes.axvline(position, color="black", lw=0.8, ls=":")
         axes.text(

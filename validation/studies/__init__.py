@@ -24,7 +24,7 @@ STUDIES = {
     "calibration": "error bars of the truth against 68 known answers",
     "convergence": "the kidney's order and error bar (GCI) on three meshes",
     "elements": "linear beside smoothed tetrahedra: error against time",
-    "frontier": "error against run time of every simulator that is installed",
+    "frontier": "error over processor time of every simulator that is installed",
     "grading": "section V: graded meshes, the same answer with fewer cells",
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",
     "meshing": "Fig. 1: traditional beside improved Delaunay meshing, cut open",

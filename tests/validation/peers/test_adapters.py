@@ -258,3 +258,27 @@ def test_a_quadratic_adapter_agrees_with_the_quadratic_reference(name: str) -> N
     # Linear ones are ten times as far.
     plain = solve_state(BODY, Strain.GREEN, 1, in_silence).displacement
     assert np.abs(plain - truth).max() / np.abs(truth).max() > 10.0 * apart
+
+
+@pytest.mark.parametrize(("substeps", "count"), [(None, 8), ("2", 16)])
+def test_substeps_are_taken_in_the_place_of_each_step(substeps: str | None, count: int) -> None:
+    """Outputs 0.1 s apart take four steps of at most 0.03 s each."""
+
+    class Counting(harness.Stepped):
+        taken, time_step = 0, 0.03
+
+        def step(self, part: float = 1.0) -> None:
+            self.taken += round(part)
+
+        def velocity(self) -> Any:
+            return np.zeros(3)
+
+        def displacement(self) -> Any:
+            return np.full((1, 3), float(self.taken))
+
+    tool = Counting()
+    tool.job = {"output_times": np.array([0.0, 0.1, 0.2])}
+    tool.job |= {} if substeps is None else {"substeps": substeps}
+    says = tool.advance(1)
+    assert tool.taken == count
+    assert says["time_step"] == pytest.approx(0.2 / count)

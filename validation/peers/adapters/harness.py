@@ -338,10 +338,10 @@ class Stepped(ABC):
         return {"method": method, "relative_residual": residual}
 
     def _move(self) -> dict[str, Any]:
-        """Whole steps between outputs, which are evenly spaced."""
+        """Whole steps between outputs, which are evenly spaced, `substeps` in the place of each."""
         times = self.job["output_times"]
         interval = float(times[1] - times[0])
-        count = int(np.ceil(interval / self.time_step))
+        count = int(np.ceil(interval / self.time_step)) * int(self.job.get("substeps", 1))
         self.time_step = interval / count
         states = [self.displacement()]
         for _ in times[1:]:
