@@ -264,6 +264,7 @@ def test_cases_are_posed_under_the_law_that_a_simulator_solves():
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("words", "versions", "code", "said"),
     [
