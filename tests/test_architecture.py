@@ -263,7 +263,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        59188,
+        59220,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
