@@ -272,11 +272,18 @@ class DiscreteProblem(ElasticBody):
         super().__init__(space, problem.material, strain, problem.inclusions, element=element)
         self._attach(problem)
 
-    def _attach(self, problem: Problem, dofs: Indices | None = None) -> None:
-        """Add supports, loads, springs and tools; `dofs`: the displacements among all unknowns."""
+    def _attach(
+        self, problem: Problem, dofs: Indices | None = None, idle: Indices | None = None
+    ) -> None:
+        """Add supports, loads, springs and tools.
+
+        `dofs` are the displacements among all unknowns, `idle` unknowns that are always 0.
+        """
         space = self.space
         fixed = fixed_dofs(space, problem.supports)
         self.fixed = fixed if dofs is None else fixed.renumbered(dofs)
+        if idle is not None and len(idle):
+            self.fixed = self.fixed.with_zeros(idle)
         self.frames = self.fixed.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.fixed.dofs)
         own = self.free if dofs is None else dofs[: 3 * space.num_blocks]

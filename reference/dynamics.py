@@ -281,7 +281,9 @@ class Motion(MovingBody):
             norm, scale = fenicsx.norm(left[self.free]), forces.scale()
             if not math.isfinite(norm):
                 raise StepLostError("the residual is not finite")
-            is_settled = tools.settle(new, norm / scale if scale else 0.0)
+            # In free flight all forces are rounding, and none is small beside the others.
+            is_rounding = norm <= rounding or not scale
+            is_settled = tools.settle(new, 0.0 if is_rounding else norm / scale)
             is_balanced = norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding)
             if is_settled and is_balanced and tools.are_balanced(new, self.tolerance, rounding):
                 break

@@ -168,13 +168,16 @@ def function_space(mesh: Any, family: str, degree: int, shape: tuple[int, ...] =
 
 
 @_compiles
-def taylor_hood_space(mesh: Any, degree: int) -> Any:
-    """Return the space of displacements of a degree with continuous scalars of one degree less."""
+def taylor_hood_space(mesh: Any, degree: int, count: int = 1) -> Any:
+    """Return the space of displacements of a degree with continuous scalars of one degree less.
+
+    `count` is the number of scalars.
+    """
     if _IS_OLD:
         cell = mesh.ufl_cell()
         parts = [
             ufl.VectorElement("Lagrange", cell, degree),
-            ufl.FiniteElement("Lagrange", cell, degree - 1),
+            *[ufl.FiniteElement("Lagrange", cell, degree - 1)] * count,
         ]
         return fem.FunctionSpace(mesh, ufl.MixedElement(parts))
     import basix.ufl
@@ -184,7 +187,7 @@ def taylor_hood_space(mesh: Any, degree: int) -> Any:
         basix.ufl.mixed_element(
             [
                 basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,)),
-                basix.ufl.element("Lagrange", "tetrahedron", degree - 1),
+                *[basix.ufl.element("Lagrange", "tetrahedron", degree - 1)] * count,
             ]
         ),
     )

@@ -81,6 +81,10 @@ class FixedDofs:
         frames: Nodes with axes of their own; None where there are none.
     """
 
+    # Of `with_zeros`: how many more are fixed, and where the entries are among all, sorted.
+    _zeros = 0
+    _order: NDArray[np.intp] | None = None
+
     def __init__(
         self, coordinates: Points, supports: Sequence[Support], blocks: Sequence[Indices]
     ) -> None:
@@ -110,7 +114,10 @@ class FixedDofs:
 
     def at(self, factors: float | Sequence[float]) -> Floats:
         """Displacement of each for a factor on all supports, or for one factor for each [m]."""
-        return self._everywhere(factors)[self._entries]
+        given = self._everywhere(factors)[self._entries]
+        return (
+            given if self._order is None else np.append(given, np.zeros(self._zeros))[self._order]
+        )
 
     def renumbered(self, new: Indices) -> FixedDofs:
         """A copy with degrees of freedom renumbered; `new` is the number of each old one."""
@@ -121,6 +128,15 @@ class FixedDofs:
         other.dofs = new[other._entries]
         if self.frames is not None:
             other.frames = NodeFrames(new[self.frames.dofs], self.frames.axes)
+        return other
+
+    def with_zeros(self, dofs: Indices) -> FixedDofs:
+        """A copy that fixes more degrees of freedom, none of a displacement, at 0."""
+        other = copy.copy(self)
+        other.__dict__.pop("values", None)
+        order = np.argsort(np.concatenate([self.dofs, dofs]))
+        other.dofs = np.concatenate([self.dofs, dofs])[order].astype(np.int32)
+        other._zeros, other._order = len(dofs), order
         return other
 
     def resultants(self, reactions: Points) -> Points:

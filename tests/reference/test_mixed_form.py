@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from bank import beyond, rollers, support
+from calibration_recipe.plane import Plane, PlaneLoads, Section, stress_of
 
 from palpate.meshes.boundary_conditions import Pressure, Support, Traction
+from palpate.meshes.bricks import brick_box, side, support_of
+from palpate.meshes.bricks import rollers as rollers_of
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
 from palpate.reference.availability import is_available
 from palpate.reference.result import Formulation, formulation_for
 
 if is_available():
+    from palpate.reference.adaptivity.adaptive import solve_adaptively
+    from palpate.reference.laws import lame_parameters
+    from palpate.reference.mixed_form import colours_of
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx
@@ -148,3 +158,122 @@ def test_a_ball_presses_tissue_without_locking(box):
     assert (energies[1] - energies[0]) / 0.002 == pytest.approx(force, rel=1e-3)
     plain, _ = press(0.081, Formulation.DISPLACEMENT)
     assert force < 0.98 * plain
+
+
+class OfTwoMaterials(Plane):
+    """A section whose elements beyond x = 0.5 m are of another material."""
+
+    def __init__(self, other: Material, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.other = other
+        self.is_other = self.positions[self.elements].mean(axis=1)[:, 0] > 0.5
+
+    def stress(self, H):
+        P, A = stress_of(self.material, self.strain, H)
+        Q, B = stress_of(self.other, self.strain, H)
+        chosen = self.is_other[:, None, None, None]
+        return np.where(chosen, Q, P), np.where(chosen[..., None, None], B, A)
+
+
+@pytest.mark.parametrize(
+    ("other", "lean"), [(0.4, 0.0), pytest.param(0.3, 0.2, marks=pytest.mark.nightly)]
+)
+def test_the_pressure_jumps_where_materials_meet(other: float, lean: float) -> None:
+    """Against polynomials of degree 6 and 8 on graded quadrilaterals: another kind of solver."""
+    near, far = Material(1.0, other, 1.0), Material(1.0, 0.499, 1.0)
+    push = (0.01, 0.0, -0.02)
+
+    def moved(grid):
+        # Beside x = 0.5, which stays.
+        return grid + lean * (grid[..., :1] - 0.5) * grid[..., 1:] * [1.0, 0.0]
+
+    lines = np.array([0.0, 0.5, 1.0])
+    section = Section(lines, np.array([0.0, 1.0]), np.ones((2, 1), dtype=bool), moved)
+    loads = PlaneLoads({"under": lambda X, s: 0.0 * s * X}, tractions={"top": (push[0], push[2])})
+    wanted = []
+    for degree, layers in ((5, 4), (7, 5)):
+        plane = OfTwoMaterials(
+            far, section, near, Strain.LINEAR, loads, degree=degree, layers=layers
+        )
+        wanted.append(0.25 * plane.energy(plane.solve()))
+    assert wanted[1] == pytest.approx(wanted[0], rel=3e-4)
+    box = brick_box((4, 1, 4), (1.0, 0.25, 1.0))
+    points = box.points.copy()
+    points[:, ::2] = moved(box.points[:, ::2])
+    mesh = TetMesh(points, box.cells)
+    beyond = box.points[box.cells].mean(axis=1)[:, 0] > 0.5
+    problem = Problem(
+        mesh,
+        near,
+        (support_of(side(box, 2, 0.0)), *rollers_of(mesh, ((1, 0.0), (1, 0.25)))),
+        (Traction(side(box, 2, 1.0), push),),
+        inclusions=(Inclusion(np.flatnonzero(beyond).astype(np.int32), far),),
+    )
+    goals = (Goal(Quantity.STRAIN_ENERGY, 1e-3),)
+    found = solve_adaptively(
+        problem, goals, budget=Budget(unknowns=40_000.0), strain=Strain.LINEAR, formulation=MIXED
+    )
+    assert abs(found.strain_energy / wanted[1] - 1.0) <= found.bar("strain_energy")
+    assert found.strain_energy == pytest.approx(wanted[1], rel=1e-3)
+
+
+def test_colours_are_few_and_differ_where_materials_meet() -> None:
+    box = brick_box((6, 1, 1), (6.0, 1.0, 1.0))
+    x = box.points[box.cells].mean(axis=1)[:, 0].astype(int)
+    layers = [np.flatnonzero(x == k).astype(np.int32) for k in range(6)]
+    # Every second layer is of one and the same material; the others are three more.
+    moduli = (1.0, 2.0, 1.0, 3.0, 1.0, 2.0)
+    inclusions = tuple(
+        Inclusion(cells, Material(E, 0.49)) for cells, E in zip(layers, moduli, strict=True)
+    )
+    problem = Problem(box, Material(1.0, 0.49), (), (), inclusions=inclusions)
+    colours = colours_of(problem)
+    assert [sorted({int(c) for c in colours[cells]}) for cells in layers] == [[0], [1]] * 3
+
+
+def parted(mesh: TetMesh, *materials: Material, lift: float, degree: int = 2, form=MIXED):
+    """Left, right below and right above of a unit box between smooth walls, raised on top."""
+    x, _, z = mesh.points[mesh.cells].mean(axis=1).T
+    number = np.where(x < 0.5, 0, np.where(z < 0.5, 1, len(materials) - 1))
+    sides = ((0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0), (2, 0.0))
+    problem = Problem(
+        mesh,
+        materials[0],
+        (
+            *rollers_of(mesh, sides),
+            support_of(side(mesh, 2, 1.0), (False, False, True), (0.0, 0.0, lift)),
+        ),
+        (),
+        inclusions=tuple(
+            Inclusion(np.flatnonzero(number == k).astype(np.int32), material)
+            for k, material in enumerate(materials)
+            if k > 0
+        ),
+    )
+    return solve_static(problem, degree=degree, strain=Strain.LINEAR, formulation=form)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_columns_side_by_side_have_pressures_of_their_own(degree: int) -> None:
+    # Uniform strains e_z = -e, e_y = 0, e_x = a and -a, with (l1 + 2 m1) a - l1 e = -(l2 + 2 m2) a
+    # - l2 e: a linear displacement, and a pressure that jumps.
+    first, second, e = Material(1.0, 0.4), Material(1.0, 0.499), 0.01
+    (l1, m1), (l2, m2) = (lame_parameters(m) for m in (first, second))
+    a = (l1 - l2) * e / (l1 + 2 * m1 + l2 + 2 * m2)
+    energy = 0.25 * sum(
+        lmbda * (ex - e) ** 2 + 2 * mu * (ex**2 + e**2)
+        for lmbda, mu, ex in ((l1, m1, a), (l2, m2, -a))
+    )
+    found = parted(brick_box((2, 1, 2), (1.0, 1.0, 1.0)), first, second, lift=-e, degree=degree)
+    assert found.strain_energy == pytest.approx(energy, rel=1e-9)
+
+
+def test_three_materials_may_meet_at_one_edge() -> None:
+    box = brick_box((4, 2, 4), (1.0, 1.0, 1.0))
+    materials = [Material(E, nu) for E, nu in ((1.0, 0.3), (2.0, 0.4), (0.5, 0.45))]
+    energies = [
+        parted(box, *materials, lift=-0.01, form=form).strain_energy
+        for form in (Formulation.DISPLACEMENT, MIXED)
+    ]
+    # From two sides of the limit, by little.
+    assert energies[1] == pytest.approx(energies[0], rel=2e-3)

@@ -142,12 +142,37 @@ class PlaneLoads:
         tractions: Dead, by side [Pa].
         pressures: By side [Pa]; they follow the deformed side under Green strain.
         body: Force per rest area of the section over its width [N/m3].
+        slides: Of fixed sides that may slide: which of x (0) and z (1) is given there alone.
+        cylinder: What is pressed against the top.
     """
 
     fixed: dict[str, Callable[[Floats, float], Floats]]
     tractions: dict[str, tuple[float, float]] = field(default_factory=dict)
     pressures: dict[str, float] = field(default_factory=dict)
     body: tuple[float, float] = (0.0, 0.0)
+    slides: dict[str, int] = field(default_factory=dict)
+    cylinder: Cylinder | None = None
+
+
+@dataclass
+class Cylinder:
+    """A rigid cylinder without friction across the section, that top is pressed against.
+
+    The gap g is the distance of moved places from it, at Gauss's points of the top's edges, and the
+    pressure over rest area max(0, p - stiffness g), p being that of the last round (M. R. Hestenes,
+    J. Optim. Theory Appl. 4, 1969), until no place is inside.
+
+    Attributes:
+        centre: Of it (x, z) [m].
+        radius: [m].
+        stiffness: [Pa/m].
+        pressure: p at the points, (edges, points) [Pa].
+    """
+
+    centre: Floats
+    radius: float
+    stiffness: float
+    pressure: Floats | None = None
 
 
 class Plane:
@@ -182,6 +207,9 @@ class Plane:
         gauss, weight = np.polynomial.legendre.leggauss(p + 2)  # type: ignore[no-untyped-call]
         self.value, self.slope = lagrange(self.nodes, gauss)
         self.edge_weight = weight
+        # Contact has as many points on an edge as that adds nodes: with more it would lock.
+        touching, self.touch_weight = np.polynomial.legendre.leggauss(p)  # type: ignore[no-untyped-call]
+        self.touch_value, self.touch_slope = lagrange(self.nodes, touching)
         self.weight = np.outer(weight, weight).ravel()
         self.basis = np.kron(self.value, self.value)
         # Along both reference directions, shape (2, points, nodes).
@@ -212,7 +240,7 @@ class Plane:
                      "under": ~around[c, r - 1], "top": ~around[c, r + 1]}  # fmt: skip
         self.is_fixed = np.zeros(self.grid.shape, dtype=bool)
         for name in loads.fixed:
-            self.is_fixed[self._side(name)] = True
+            self.is_fixed[np.ix_(self._side(name), self._given(name))] = True
 
     def solve(self, start: Floats | None = None) -> Floats:
         """Displacement at the nodes [m], shape (nodes, 2).
@@ -259,6 +287,10 @@ class Plane:
             length += float(np.sum(np.linalg.norm(along, axis=2) @ self.edge_weight))
         return area, length
 
+    def _given(self, name: str) -> list[int]:
+        """Components that are given on a fixed side."""
+        return [self.loads.slides[name]] if name in self.loads.slides else [0, 1]
+
     def _side(self, name: str) -> NDArray[np.intp]:
         """Nodes of a side."""
         return np.unique(self.elements[self.on[name]][:, self.edges[name]])
@@ -268,13 +300,13 @@ class Plane:
         for k in range(_MOST_ITERATIONS):
             jump = np.zeros_like(u)
             for name, given in self.loads.fixed.items():
-                side = self._side(name)
-                jump[side] = given(self.positions[side], factor) - u[side]
+                at = np.ix_(side := self._side(name), self._given(name))
+                jump[at] = (given(self.positions[side], factor) - u[side])[:, self._given(name)]
             change = self._step(u, jump, factor)
             size = float(np.abs(change).max()) / max(float(np.abs(u + change).max()), 1e-30)
             if not np.isfinite(size):
                 return None
-            if self.strain is Strain.LINEAR:
+            if self.strain is Strain.LINEAR and self.loads.cylinder is None:
                 return u + change
             steepest = float(np.abs(self._gradient(change)[0]).max())
             u += change * min(1.0, _STEEPEST / steepest)
@@ -284,6 +316,15 @@ class Plane:
                 return None
             last = size
         return None
+
+    def stress(self, H: Floats) -> tuple[Floats, Floats]:
+        """P and dP/dH of displacement gradients of all elements; see `stress_of`."""
+        return stress_of(self.material, self.strain, H)
+
+    def energy(self, u: Floats) -> float:
+        """Energy of a linear solution, over the width [J/m]: half of the work of its stress."""
+        H, _, weight = self._gradient(u)
+        return 0.5 * float(np.einsum("eqij,eqij,eq->", self.stress(H)[0], H, weight))
 
     def _gradient(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """H = du/dX, the inverse of the map from the reference square, and volumes of points."""
@@ -309,7 +350,7 @@ class Plane:
     def tangents(self, u: Floats, factor: float) -> tuple[Floats, Floats]:
         """Tangents of the elements and the forces left over there; (e, 2n, 2n), (e, 2n)."""
         H, back, weight = self._gradient(u)
-        P, A = stress_of(self.material, self.strain, H)
+        P, A = self.stress(H)
         # Pulled to the reference square: one matrix of slopes for all elements.
         A = np.einsum("eqaj,eqijkl,eqbl->eqiakb", back, A, back, optimize=True)
         A *= weight[:, :, None, None, None, None]
@@ -346,3 +387,41 @@ class Plane:
                         K[e, nodes[:, None], 1, nodes, 0] -= turn
                     # Outwards is (t_z, -t_x).
                     r[e, nodes] -= size * weighted.T @ np.column_stack([t[:, 1], -t[:, 0]])
+        if self.loads.cylinder is not None:
+            self._touch(self.loads.cylinder, u, K, r)
+
+    def gaps(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Of the top's points from the cylinder: gap, unit normal, and the arm to its centre."""
+        assert self.loads.cylinder is not None
+        of = self.elements[self.on["top"]][:, self.edges["top"]]
+        arm = self.touch_value @ (self.positions + u)[of] - self.loads.cylinder.centre
+        away = np.linalg.norm(arm, axis=2)
+        return away - self.loads.cylinder.radius, arm / away[:, :, None], away
+
+    def augment(self, u: Floats) -> float:
+        """Take the pressures at u as p; the largest depth of a point inside [m]."""
+        cylinder = self.loads.cylinder
+        assert cylinder is not None
+        gap = self.gaps(u)[0]
+        before = 0.0 if cylinder.pressure is None else cylinder.pressure
+        cylinder.pressure = np.maximum(before - cylinder.stiffness * gap, 0.0)
+        # A point that bears nothing may be apart.
+        return float(np.abs(np.where(cylinder.pressure > 0.0, gap, np.minimum(gap, 0.0))).max())
+
+    def _touch(self, cylinder: Cylinder, u: Floats, K: Floats, r: Floats) -> None:
+        nodes, gap, values = self.edges["top"], self.gaps(u), self.touch_value
+        before = np.zeros_like(gap[0]) if cylinder.pressure is None else cylinder.pressure
+        for k, e in enumerate(np.flatnonzero(self.on["top"])):
+            g, n, away = (part[k] for part in gap)
+            p = before[k] - cylinder.stiffness * g
+            t = self.touch_slope @ self.positions[self.elements[e, nodes]]
+            weight = self.touch_weight * np.hypot(*t.T) * (p > 0.0)
+            r[e, nodes] += self.touch_value.T @ ((weight * p)[:, None] * n)
+            across = np.eye(2) - (both := n[:, :, None] * n[:, None, :])
+            stiff = cylinder.stiffness * both - (p / away)[:, None, None] * across
+            block = np.einsum(
+                "q,qa,qij,qb->aibj", weight, self.touch_value, stiff, self.touch_value
+            )
+            for i in range(2):
+                for j in range(2):
+                    K[e, nodes[:, None], i, nodes, j] += block[:, i, :, j]

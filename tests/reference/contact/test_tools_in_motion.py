@@ -12,7 +12,7 @@ from bank import lumped_mass, support
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, InitialVelocity, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import ForceDrive, PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.availability import is_available
 
@@ -50,6 +50,26 @@ def test_a_plane_feels_the_impedance_of_a_bar(box):
     np.testing.assert_allclose(found.displacements[-1][:, 0], expected, atol=0.01 * 0.016)
     # The tool's work is all there is in the body, but for what the method takes from the front.
     assert abs(found.energy_errors[-1]) < 0.02 * found.external_works[-1]
+
+
+def test_a_body_flies_freely_before_it_meets_a_wall(box):
+    # Until then all forces are rounding: none is small beside the others.
+    mesh = box((4, 1, 1), (1.0, 0.25, 0.25))
+    wall = RigidTool(
+        PlaneShape(),
+        ToolPath(
+            [0.0], [[-0.01, 0.0, 0.0]], np.array([[math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0]])
+        ),
+        contact_facets=mesh.facet_groups["x0"],
+    )
+    span = TimeSpan(0.9, 0.1, num_outputs=3)
+    flight = InitialVelocity((-0.02, 0.0, 0.0))
+    problem = Problem(mesh, Material(1.0, 0.0, 1.0), (), (), span, (wall,), initial_velocity=flight)
+    found = simulate_implicit(problem, strain=Strain.LINEAR)
+    # It meets the wall at 0.5 s; the front that begins there has gone 0.4 m at 0.9 s.
+    np.testing.assert_allclose(found.displacements[1][:, 0], -0.006, rtol=1e-9)
+    far = mesh.points[:, 0] > 0.9
+    np.testing.assert_allclose(found.displacements[3][far, 0], -0.018, rtol=0.02)
 
 
 def test_a_force_that_grows_is_told_at_its_time(box):
