@@ -158,7 +158,8 @@ class MixedProblem(DiscreteProblem):
             for c, dofs in enumerate(self._pressure_dofs)
             if c > 0
         ]
-        return np.concatenate(idle).astype(np.int32)
+        found: Indices = np.concatenate(idle).astype(np.int32)
+        return found
 
     def _displacement_in(self, unknown: Any) -> Any:
         """See `ElasticBody`."""

@@ -21,7 +21,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,8 +30,9 @@ import numpy as np
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.refinement import at_refined_points, mean_over_parents
+from palpate.meshes.refinement import at_refined_points, mean_over_parents, refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.true_surfaces import CurvedPart, refine_along
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case
 from palpate.validation.metrics import Part, measure, stress_integrals
@@ -48,6 +49,7 @@ from palpate.validation.references.runs import (
     solve_state,
 )
 from palpate.validation.references.true_bodies import (
+    OF_CHORDS,
     TrueBody,
     name_of_body,
     on_moved,
@@ -74,8 +76,9 @@ class _Pair:
     """How the two bodies are solved, for one strain measure.
 
     Attributes:
-        case: The case.
-        body: The case's true body.
+        problem: The problem at whose points they are compared.
+        body: Its true body.
+        others: The true bodies' meshes with their problems.
         degree: Degree of the elements.
         strain: Strain measure.
         near: The truth at the case's points.
@@ -83,8 +86,9 @@ class _Pair:
         end: When to give up, by `time.monotonic`.
     """
 
-    case: Case
+    problem: Problem
     body: TrueBody
+    others: Sequence[tuple[TetMesh, Problem]]
     degree: int
     strain: Strain
     near: State
@@ -95,11 +99,6 @@ class _Pair:
     def left(self) -> float:
         """Time for the next solve [s]."""
         return max(1.0, self.end - time.monotonic())
-
-    def problems(self) -> list[tuple[TetMesh, Problem]]:
-        """The true bodies with their loads."""
-        spec, base = self.case.spec, self.body.base
-        return [(mesh, on_moved(spec.load, spec.units, base, mesh)) for mesh in self.body.others]
 
 
 def with_geometry(
@@ -149,9 +148,14 @@ def with_geometry(
         named = {} if request is None else request.named_parts(strain)
         if body is not None:
             end = time.monotonic() + seconds
-            pair = _Pair(case, body, record["degree"], strain, truth, progress, end)
+            problem, degree = case.problem, record["degree"]
             try:
-                is_moving = case.problem.time is not None
+                others = [
+                    (mesh, on_moved(case.spec.load, case.spec.units, body.base, mesh))
+                    for mesh in body.others
+                ]
+                pair = _Pair(problem, body, others, degree, strain, truth, progress, end)
+                is_moving = problem.time is not None
                 found[strain] = _of_motion(pair) if is_moving else _of_statics(pair, named)
                 continue
             except ReferenceUnavailableError:
@@ -170,6 +174,24 @@ def with_geometry(
     table = {**dict(references.provenance.get(PARTS, {})), **as_record(rows)}
     provenance = {**references.provenance, PARTS: table, GEOMETRY: record}
     return dataclasses.replace(references, provenance=provenance)
+
+
+def geometry_part(
+    problem: Problem, parts: Sequence[CurvedPart], near: State, progress: Progress
+) -> Found:
+    """The geometry part of the bars of a problem on known curved surfaces, by metric.
+
+    Pressures stay in pascals, and so do tractions. `near` is the truth at the problem's points.
+
+    Raises:
+        InputError: The mesh is too coarse for its surface.
+        ReferenceFailedError: One of the two bodies has no solution.
+    """
+    body = TrueBody("", refine_problem(problem), (refine_along(problem.mesh, parts),), OF_CHORDS)
+    others = [(mesh, dataclasses.replace(body.base, mesh=mesh)) for mesh in body.others]
+    end = time.monotonic() + TIME_LIMIT
+    pair = _Pair(problem, body, others, 2, near.strain, near, progress, end)
+    return _of_motion(pair) if problem.time is not None else _of_statics(pair, {})
 
 
 def _metrics(problem: Problem) -> tuple[str, ...]:
@@ -193,7 +215,7 @@ def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
 
     The distance is in units of the metric's scale.
     """
-    problem, base = pair.case.problem, pair.body.base
+    problem, base = pair.problem, pair.body.base
     near = pair.near.displacement
     start = near if base is problem else at_refined_points(problem.mesh, near)
     # Linear tetrahedra would take forces of tools from the kinks of that.
@@ -211,19 +233,19 @@ def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
 
     first = solve(base)
     found = dict.fromkeys(_metrics(problem), 0.0) | dict.fromkeys(named, 0.0)
-    for mesh, moved in pair.problems():
+    for mesh, moved in pair.others:
         second = solve(moved)
         apart = _compare_stresses(problem, (base, first), (moved, second), named)
-        ours = _as_changes(at_points_of(problem.mesh, second), mesh, base.mesh)
+        ours = as_changes(at_points_of(problem.mesh, second), mesh, base.mesh)
         for metric in whole_metrics(problem):
             apart[metric] = measure(metric, problem, ours, at_points_of(problem.mesh, first)).value
         found = {name: max(most, pair.body.factor * apart[name]) for name, most in found.items()}
-    return found
+    return _without_chance(found)
 
 
 def _of_motion(pair: _Pair) -> Found:
     """The same distances for a motion."""
-    problem = pair.case.problem
+    problem = pair.problem
 
     def solve(of: Problem) -> State:
         return solve_implicit(
@@ -238,17 +260,24 @@ def _of_motion(pair: _Pair) -> Found:
 
     first = solve(pair.body.base)
     found = dict.fromkeys(truth_metrics(problem), 0.0)
-    for _, moved in pair.problems():
+    for _, moved in pair.others:
         second = solve(moved)
         for metric, most in found.items():
             apart = pair.body.factor * difference(metric, problem, second, first)
             found[metric] = max(most, apart)
-    # A single number of two swings that are out of step may agree by chance.
-    found["max_displacement"] = max(found["max_displacement"], found["displacement_max"])
-    return found
+    return _without_chance(found)
 
 
-def _as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
+def _without_chance(found: Found) -> Found:
+    """The same with the worst point's part for the largest displacement.
+
+    That is a single number of two bodies, which may agree by chance, and it may be of another point
+    on each: chords move the points between them more than those on the true surface.
+    """
+    return found | {"max_displacement": max(found["max_displacement"], found["displacement_max"])}
+
+
+def as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
     """A state whose changes of volume and area are from its own rest, on another body's rest."""
     return dataclasses.replace(
         state,

@@ -47,7 +47,7 @@ CURVED = {
 # is 4/3 of the difference. P. J. Roache's factor of safety where the order is known (Annu. Rev.
 # Fluid Mech. 29 (1997) 123-160) makes a bound of it; linear tetrahedra fall short by up to 15 %.
 _SAFETY = 1.25
-_OF_CHORDS = _SAFETY * 4.0 / 3.0
+OF_CHORDS = _SAFETY * 4.0 / 3.0
 # Facets of the finer shape to one of the case's, along an edge.
 _FINER = 3.0
 
@@ -109,7 +109,7 @@ def true_body(case: Case) -> TrueBody | None:
     follows = refine_along(problem.mesh, parts)
     if shape == "kidney":
         follows = with_volume(follows, problem.mesh.volume)
-    return TrueBody(of, refine_problem(problem), (follows,), _OF_CHORDS)
+    return TrueBody(of, refine_problem(problem), (follows,), OF_CHORDS)
 
 
 def with_volume(mesh: TetMesh, volume: float) -> TetMesh:

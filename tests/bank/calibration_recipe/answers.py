@@ -7,12 +7,12 @@ miss, which falls by four with every cut where the displacement is smooth, is ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.difference import make_state, measures_of
@@ -31,11 +31,18 @@ class Answer:
         state: At the points of the problem's mesh.
         doubts: How well each metric is known, relative; those not named as "" is.
         field: The displacement everywhere, where it is known so.
+        surface: What the curved sides lie on, "spheres" or "cylinders"; "" of a polyhedron, whose
+            answer it is.
+        radii: Of those [m].
+        cauchy: Means of Cauchy's stress over the cells [Pa], (num_cells, 3, 3), where known.
     """
 
     state: State
     doubts: Mapping[str, float]
     field: Field | None = None
+    surface: str = ""
+    radii: Sequence[float] = ()
+    cauchy: Floats | None = None
 
 
 def answer_of(mesh: TetMesh, exact: Field, strain: Strain, origin: str, doubt: float) -> Answer:

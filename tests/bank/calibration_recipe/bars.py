@@ -95,8 +95,9 @@ def _stretch(load: Floats) -> Floats:
 
 
 def motion_problem(
-    *, kind: str, strain: str, nu: float, drive: str, size: float, damping: float
-) -> tuple[Problem, Strain, Answer]:
+    *, kind: str, strain: str, nu: float, drive: str, size: float, damping: float,
+    outputs: int = 24,
+) -> tuple[Problem, Strain, Answer]:  # fmt: skip
     """A bar in motion and its answer.
 
     Args:
@@ -106,6 +107,7 @@ def motion_problem(
         drive: "weight", "end" (traction) or "shake" (the held end is moved), switched on smoothly.
         size: Of the drive: strain at the held end, or what it is moved by over the length.
         damping: c [1/s]; a wave takes 1 s along the bar.
+        outputs: How many, over 6 s; the truth's steps are an eighth to a half of what lies between.
     """
     measure = Strain(strain) if kind == "stretch" else Strain.LINEAR
     width = 0.25
@@ -129,7 +131,7 @@ def motion_problem(
         loads = (BodyForce(along, rise),)
     elif drive == "end":
         loads = (Traction(side(mesh, 0, _LENGTH), along, rise),)
-    span = TimeSpan(end_time=6.0, mass_damping=damping, num_outputs=24)
+    span = TimeSpan(end_time=6.0, mass_damping=damping, num_outputs=outputs)
     problem = Problem(mesh, material, (base, *walls), loads, span)
     x = np.unique(np.round(mesh.points[:, 0], 12))
     where = np.searchsorted(x, np.round(mesh.points[:, 0], 12))

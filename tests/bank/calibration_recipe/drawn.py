@@ -19,8 +19,11 @@ from calibration_recipe.answers import Answer
 from calibration_recipe.bars import column_problem, motion_problem
 from calibration_recipe.extruded import extruded_problem
 from calibration_recipe.layers import layer_problem
+from calibration_recipe.pressed import pressed_problem
+from calibration_recipe.round import inflation_problem, torsion_problem
 from calibration_recipe.slender import find_answer, kept_answer, slender_problem
 from calibration_recipe.smooth import smooth_problem
+from calibration_recipe.swings import impact_problem, ring_problem
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.studies.calibration import HASH, store_hash
@@ -32,7 +35,15 @@ _EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer | None]]] = {
     "column": column_problem,
     "motion": motion_problem,
     "extruded": extruded_problem,
+    "inflation": inflation_problem,
+    "torsion": torsion_problem,
+    "stress": smooth_problem,
+    "ring": ring_problem,
+    "impact": impact_problem,
+    "pressed": pressed_problem,
 }
+# Whose coefficients are drawn too.
+_SEEDED = ("smooth", "stress")
 
 
 @dataclass(frozen=True)
@@ -79,7 +90,7 @@ def draw_problems(table: Mapping[str, Any] | None = None) -> list[Drawn]:
                            list(open_half.values()))  # fmt: skip
             given = open_half | fresh
         for name in names:
-            seed = {"seed": _digest(full[name])[0]} if family["maker"] == "smooth" else {}
+            seed = {"seed": _digest(full[name])[0]} if family["maker"] in _SEEDED else {}
             drawn = given[full[name]] | seed
             found.append(Drawn(full[name], family["name"], family["maker"], drawn, name in apart))
     return found
@@ -135,6 +146,8 @@ def _write_problem(folder: Path, drawn: Drawn) -> dict[str, Any]:
         arrays = {"displacement": state.displacement}
         if motion is not None:
             arrays = {"times": motion.times, "displacements": motion.displacements}
+        if answer.cauchy is not None and drawn.maker == "stress":
+            arrays["cauchy"] = answer.cauchy
         sizes = np.array([state.volume, state.surface_area])
         np.savez(folder / f"{drawn.name}.answer.npz", sizes=sizes, **arrays)
     return {
@@ -143,6 +156,8 @@ def _write_problem(folder: Path, drawn: Drawn) -> dict[str, Any]:
         "is_apart": drawn.is_apart,
         "given": dict(drawn.given),
         "strain": str(strain),
+        "surface": "" if answer is None else answer.surface,
+        "radii": [] if answer is None else list(answer.radii),
         "doubts": None if answer is None else {k: float(v) for k, v in answer.doubts.items()},
     }
 

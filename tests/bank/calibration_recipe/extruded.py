@@ -13,7 +13,7 @@ that the one before led to, has the word: it changes at most half of what that o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -155,8 +155,22 @@ def _answer(
     grid: Floats,
     width: float,
 ) -> Answer | None:
+    levels = _LINEAR_LEVELS if strain is Strain.LINEAR else _LEVELS
+    return answer_of_levels(section, problem, strain, loads, grid, width, levels, Plane.solve)
+
+
+def answer_of_levels(
+    section: Section,
+    problem: Problem,
+    strain: Strain,
+    loads: PlaneLoads,
+    grid: Floats,
+    width: float,
+    levels: Sequence[tuple[int, int]],
+    solve: Callable[[Plane, Floats | None], Floats],
+) -> Answer | None:
     """The last two levels that have an equilibrium, and what is between them; None of fewer."""
-    mesh, levels = problem.mesh, _LINEAR_LEVELS if strain is Strain.LINEAR else _LEVELS
+    mesh = problem.mesh
     found: list[tuple[Floats, float, float]] = []
     steps: list[float] = []
     start: tuple[Plane, Floats] | None = None
@@ -166,7 +180,7 @@ def _answer(
         if start is not None:
             near = start[0].at(start[1], plane.grid)
         try:
-            start = plane, plane.solve(near)
+            start = plane, solve(plane, near)
         except PlaneNotConvergedError:
             break
         area, outline = plane.sizes(start[1])

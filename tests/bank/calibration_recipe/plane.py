@@ -409,7 +409,7 @@ class Plane:
         return float(np.abs(np.where(cylinder.pressure > 0.0, gap, np.minimum(gap, 0.0))).max())
 
     def _touch(self, cylinder: Cylinder, u: Floats, K: Floats, r: Floats) -> None:
-        nodes, gap, values = self.edges["top"], self.gaps(u), self.touch_value
+        nodes, gap = self.edges["top"], self.gaps(u)
         before = np.zeros_like(gap[0]) if cylinder.pressure is None else cylinder.pressure
         for k, e in enumerate(np.flatnonzero(self.on["top"])):
             g, n, away = (part[k] for part in gap)
