@@ -248,7 +248,7 @@ LINES = {
         "issue 37: regions with common walls",
     ),
     "reference": (
-        10660,
+        10750,
         "issue 35: contact over facets; issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1",
