@@ -3,10 +3,10 @@
 Each problem has a solution that is known ten times better than the bar: a closed form, a series,
 one or two dimensions solved far better, a manufactured field, or, of slender bars alone, cubic
 tetrahedra on meshes graded much further. Of round bodies the solution is that of the round one, and
-the bar has its geometry part, as where a case is compared with a published number. The truth is found as for a case, stored (adaptive meshes;
-of motions three time steps and three meshes) and live (on the spot), and each of its numbers is
-compared with it. A bar covers where it is at least the error. Infinite bars cover nothing
-and count as the widest.
+the bar has its geometry part, as where a case is compared with a published number. The truth is
+found as for a case, stored (adaptive meshes; of motions three time steps and three meshes) and live
+(on the spot), and each of its numbers is compared with it. A bar covers where it is at least the
+error. Infinite bars cover nothing and count as the widest.
 
 Factors and estimators may be chosen by half of the problems. The other half was set apart by the
 hash of their names before any factor was chosen; the claims here are of that half alone, and each
