@@ -254,9 +254,9 @@ LINES = {
         "degree 2 to 1",
     ),
     "validation": (
-        50385,
+        50470,
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
-        "issue 39: one cause of all deformations of a law, branches and corners; "
+        "issue 39: one cause of all deformations of a law, branches and corners, calibration; "
         "issue 40: history of released versions, "
         "more simulators, FEBio, SOFA and Drake; "
         "issue 38: the report's first screen answers; ways in: shapes, pictures and loads from "
