@@ -112,7 +112,6 @@ class LinearSolver:
             be positive definite.
         num_multipliers: Number of unknowns besides displacements (pressures), each a negative pivot
             of a stable body; the solver is direct where there are any.
-        largest_direct: Largest number of unknowns for factors; LARGEST_DIRECT where None.
     """
 
     def __init__(
@@ -124,7 +123,6 @@ class LinearSolver:
         has_contact: bool = False,
         is_always_direct: bool = False,
         num_multipliers: int = 0,
-        largest_direct: int | None = None,
     ) -> None:
         self._space, self._frames = space, frames
         # The level below the multigrid of a higher degree, for the unknowns that are fixed now.
@@ -134,8 +132,7 @@ class LinearSolver:
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
         self._num_multipliers = num_multipliers
-        most = LARGEST_DIRECT if largest_direct is None else largest_direct
-        is_small = is_always_direct or 3 * num_nodes < most
+        is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()

@@ -68,7 +68,7 @@ class Newton:
     """Newton's method for an equilibrium (eq. 9) by the consistent tangent; one step solves eq. 5.
 
     The tolerance is of the norm of the free residual over the larger norm of external and internal
-    forces [-]. For `largest_direct` see `LinearSolver`.
+    forces [-].
     """
 
     def __init__(
@@ -78,13 +78,11 @@ class Newton:
         *,
         relative_tolerance: float,
         max_iterations: int = 20,
-        largest_direct: int | None = None,
     ) -> None:
         self._discrete = discrete
         self._sampler = sampler
         self.relative_tolerance = relative_tolerance
         self._max_iterations = max_iterations
-        self._largest_direct = largest_direct
         self._linear = self._solver(is_symmetric=not discrete.has_followers)
         source = discrete.space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
@@ -110,7 +108,6 @@ class Newton:
             is_symmetric=is_symmetric,
             has_contact=bool(eq.contacts),
             num_multipliers=eq.num_pressures,
-            largest_direct=self._largest_direct,
             frames=eq.frames,
         )
 

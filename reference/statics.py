@@ -171,7 +171,6 @@ def find_equilibrium(
     element: Element = Element.LINEAR,
     guess: Callable[[DiscreteProblem], Floats] | None = None,
     start: Points | None = None,
-    largest_direct: int | None = None,
     progress: Progress | None = None,
 ) -> Equilibrium:
     """Find the state under the full load; see `solve_static`.
@@ -187,7 +186,6 @@ def find_equilibrium(
             along their paths, if that fails or the equilibrium depends on the path. For None the
             load is raised from zero.
         start: See `solve_static`; given instead of a guess.
-        largest_direct: See `LinearSolver`.
         progress: Called with one line of text now and then.
 
     Raises:
@@ -206,9 +204,7 @@ def find_equilibrium(
     kind = MixedProblem if formulation is Formulation.MIXED else DiscreteProblem
     discrete = kind(problem, strain=Strain(strain), degree=degree, element=element)
     sampler = DetFSampler(discrete)
-    newton = Newton(
-        discrete, sampler, relative_tolerance=relative_tolerance, largest_direct=largest_direct
-    )
+    newton = Newton(discrete, sampler, relative_tolerance=relative_tolerance)
     num_dofs = fenicsx.total(discrete.num_dofs)
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
     is_known = all(contact.forgets_its_way for contact in discrete.contacts)

@@ -166,9 +166,6 @@ BULK = 0.6
 # taken where a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved:
 # in confined compression 0.3 becomes 0, and strains of softened cells grow by more.
 SOFTENED = (0.35, 0.6, 0.8)
-# Graded meshes have few fine cells: their factors are smaller than those of uniform meshes, and
-# Jacobi's smoother is slower. 110 000 unknowns of degree 2 on one core take 2 GB.
-LARGEST_DIRECT = 600_000
 # A mesh of c times the cells takes at most about c^1.3 times as long.
 _GROWTH_OF_TIME = 1.3
 
@@ -254,7 +251,6 @@ def solve_adaptively(
                 formulation=formulation,
                 guess=_guess_from(last, refined),
                 start=start if last is None else None,
-                largest_direct=LARGEST_DIRECT,
                 progress=tell,
             )
         except ReferenceNotConvergedError as error:
