@@ -13,6 +13,7 @@ a step costs what a step of the dynamics costs, and their number grows with omeg
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -26,10 +27,13 @@ from palpate.fastsim.contact.tool_contact import require_vertices
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.newton import rounding_error
+from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain, require_no_springs
 from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.rigid_tool import ToolPath
+from palpate.meshes.spring import AnchorPath
 
 # Steps between two looks at the residual, each with a force in double precision besides.
 WINDOW = 50
@@ -78,6 +82,7 @@ def relax(
     num_threads: int = 1,
     device: str = "cpu",
     contact: ContactLaw | None = None,
+    start: Points | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> RelaxationResult:
     """Find R(a) = F (eq. 1) by dynamic relaxation.
@@ -93,6 +98,9 @@ def relax(
         num_threads: At least 1.
         device: On which the steps are made; see `ExplicitBody`.
         contact: How contact is enforced: None is the constraint.
+        start: A displacement from which the body comes to rest under the full load, with tools and
+            anchors of springs where their paths end [m], shape (num_points, 3); None raises the
+            load from the body at rest.
         progress: Called with one line now and then.
 
     Returns:
@@ -100,7 +108,7 @@ def relax(
         the nodal forces where that is larger.
 
     Raises:
-        InputError: A problem with springs.
+        InputError: A problem with springs, and no start.
         FacetContactError: The constraint over facets.
         UnsupportedBodyError: The body can float.
         RelaxationFailedError: It did not come to rest, or blew up at every start; carries the last
@@ -111,22 +119,26 @@ def relax(
         lowest frequency, Newton's hardly does.
     """
     require_supported(problem)
-    require_no_springs(problem, "dynamic relaxation")
+    if start is None:
+        require_no_springs(problem, "dynamic relaxation without a start")
+    else:
+        problem = _at_its_end(problem)
     if contact is None:  # motion would take its penalty, whose equilibrium is another
         require_vertices(
             problem.tools,
             "dynamic relaxation finds the constraint at vertices only, so solve by Newton's method",
         )
     run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, device, contact)
+    run.begin = start
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP
-    for start in range(1, _MOST_STARTS + 1):
+    for number in range(1, _MOST_STARTS + 1):
         try:
-            result = run.start(ramp, _MASS_MARGIN**start, max_steps, progress)
+            result = run.start(ramp, _MASS_MARGIN**number, max_steps, progress)
         except BlowUpError as error:
             blown = error
             if progress:
-                progress(f"start {start}: {error.reason} after {error.step} steps; slower again")
+                progress(f"start {number}: {error.reason} after {error.step} steps; slower again")
             ramp *= 4
             continue
         if result is None:
@@ -139,7 +151,7 @@ def relax(
             relative_residual=residual,
             history=tuple(run.history),
             smallest_det_f=run.body.smallest_det_f(displacement)[0],
-            starts=start,
+            starts=number,
             tool_forces=run.tool_forces,
         )
     raise RelaxationFailedError(
@@ -153,8 +165,34 @@ def relax(
     )
 
 
+def _in_full(time: float) -> float:
+    """The load at all times [-]."""
+    del time
+    return 1.0
+
+
+def _at_its_end(problem: Problem) -> Problem:
+    """The problem with tools and anchors where their paths end, at all times."""
+    tools, now = [], np.zeros(1)
+    for tool in problem.tools:
+        position, rotation = tool.path.positions[-1:], tool.path.rotations[-1:]
+        tools.append(dataclasses.replace(tool, path=ToolPath(now, position, rotation)))
+    springs = [
+        dataclasses.replace(spring, path=AnchorPath(now, spring.path.end[None]), amplitude=None)
+        for spring in problem.springs
+    ]
+    return dataclasses.replace(problem, tools=tuple(tools), springs=tuple(springs))
+
+
 class _Relaxation:
-    """One problem's masses and counts, over several starts."""
+    """One problem's masses and counts, over several starts.
+
+    Attributes:
+        begin: The displacement from which it comes to rest under the full load [m]; None raises
+            the load from the body at rest.
+    """
+
+    begin: Points | None = None
 
     def __init__(
         self,
@@ -179,6 +217,8 @@ class _Relaxation:
         # Masses for which omega_max <= 2 at rest, the largest of each point's three.
         self.body.core.assemble_tangent(np.zeros_like(self.last_good))
         self._bound: Floats = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
+        # The rows of a spring have no negative entry.
+        self._bound += 0.25 * PatchSprings(problem.mesh.points, problem.springs).row_sums()
         self._contact = contact
         self.tool_forces = np.zeros((len(problem.tools), 3))
 
@@ -189,12 +229,14 @@ class _Relaxation:
         max_steps: int,
         progress: Callable[[str], None] | None,
     ) -> tuple[Points, float] | None:
-        """Relax from rest; None if the steps do not suffice.
+        """Relax from rest, or from `begin`; None if the steps do not suffice.
 
         Raises:
             BlowUpError: A cell inverted on the way, or the body stiffened beyond its masses.
         """
         ramp = smooth_ramp(float(ramp_steps))
+        if self.begin is not None:
+            ramp, ramp_steps = _in_full, 0
         bound, tools = self._bound, None
         if self._problem.tools:
             tools = self._tools(ramp)
@@ -206,6 +248,7 @@ class _Relaxation:
             self._problem,
             strain=self._strain,
             element=self._element,
+            displacement=self.begin,
             time_step=1.0,
             amplitude=ramp,
             support_amplitude=ramp,

@@ -8,6 +8,7 @@ gradients are in the core.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
 from palpate.fastsim.newton import (
@@ -81,8 +83,8 @@ def solve_static(
         strain: Engineering strain (one linear solve) or finite strain (Newton).
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         start: A displacement near the solution [m], shape (num_points, 3), to begin from at full
-            load (warm start); where that does not converge, and where None, the load is raised
-            from rest.
+            load (warm start), with the tools where their paths end; where that does not converge,
+            and where None, the load is raised from rest and the tools go along their paths.
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
         max_iterations: Newton iterations per load step.
         iteration: Consistent tangent, or the secant matrix of eq. 10 (slow: give it more).
@@ -107,7 +109,8 @@ def solve_static(
         smoothed ones hardly, unless the body is only a cell or two thick.
     """
     if problem.tools:
-        found = solve_contact(
+        at = functools.partial(
+            solve_contact,
             problem,
             strain=strain,
             element=element,
@@ -115,6 +118,12 @@ def solve_static(
             relative_tolerance=relative_tolerance,
             progress=progress,
         )
+        try:
+            found = at(start=None if problem.tools[0].drive else start)
+        except ContactLostError:
+            if start is None:
+                raise
+            found = at()
         return StaticResult(
             displacement=found.displacements[-1],
             strain=strain,

@@ -243,9 +243,9 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13140,
+        13210,
         "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
-        "issue 37: regions with common walls",
+        "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
         10750,
@@ -296,8 +296,9 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3060,
-        "issue 34: how the page is opened, and what recordings may not replace",
+        3160,
+        "issue 34: how the page is opened, and what recordings may not replace; "
+        "issue 38: poses are brought to rest",
     ),
     "validation/metrics": (
         4900,

@@ -22,7 +22,7 @@ from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
 from palpate.fastsim.contact.tool_contact import Gaps, ToolContact, gaps_at
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape
+from palpate.meshes.rigid_tool import BoxShape, ContactRule
 
 # Steps up to this fraction of an edge show by which face of a box a vertex came in at its edge.
 _SHORT_OVER_EDGES = 0.05
@@ -30,6 +30,8 @@ _SHORT_OVER_EDGES = 0.05
 # tool's middle.
 _TURNED = 0.5
 _SHORT_THROUGH = 0.25
+# A vertex is in contact up to this fraction of its area's square root.
+_TOUCHES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +163,22 @@ class ContactTerm:
     def settle(self, displacement: Points) -> None:
         """Store the normal forces at an equilibrium, or near one."""
         self.settled = [pressed.push for pressed in self.pressed(displacement)]
+
+    def bear(self, displacement: Points, forces: Points) -> None:
+        """Take the multipliers of vertices in contact from the forces that balance the body.
+
+        Args:
+            displacement: Displacement near an equilibrium [m], shape (num_points, 3).
+            forces: Forces of the tools there [N], shape (num_points, 3).
+        """
+        for number, (contact, pressed) in enumerate(
+            zip(self.contacts, self.pressed(displacement), strict=True)
+        ):
+            if contact.tool.contact is ContactRule.VERTICES:
+                push = np.sum(forces[contact.vertices] * pressed.gaps.normals, axis=1)
+                touches = pressed.gaps.distances < _TOUCHES * np.sqrt(contact.areas)
+                self.multipliers[number] = np.where(touches, np.maximum(0.0, push), 0.0)
+        self.settle(displacement)
 
     def keep(self, displacement: Points, poses: list[NDArray[np.void]]) -> None:
         """Accept an equilibrium: store the positions of the surface relative to the tools."""

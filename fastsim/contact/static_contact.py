@@ -95,6 +95,7 @@ def solve_contact(
     element: Element = Element.LINEAR,
     law: ContactLaw | None = None,
     times: Floats | None = None,
+    start: Points | None = None,
     relative_tolerance: float = 1e-10,
     max_iterations: int = 40,
     progress: Callable[[str], None] | None = None,
@@ -110,6 +111,9 @@ def solve_contact(
         element: Plain or smoothed.
         law: Penalty or constraint; None is the constraint.
         times: Times of the paths at which results are wanted, increasing; None is every knot.
+        start: A displacement near the equilibrium at the end of the paths [m], shape
+            (num_points, 3), from which that one alone is sought, without the way there; no tool
+            is driven by a force then.
         relative_tolerance: Out-of-balance force over loads or contact forces.
         max_iterations: Newton iterations per step.
         progress: Called with one line per knot.
@@ -119,8 +123,8 @@ def solve_contact(
         1e-9 of what its penalty would leave.
 
     Raises:
-        InputError: A tool driven by a force beside others, with friction, or from too near; or
-            friction with a penalty.
+        InputError: A tool driven by a force beside others, with friction, from too near or with a
+            start; or friction with a penalty.
         UnsupportedBodyError: The body can float.
         FacetContactError: The constraint over facets with a box, across whose edges gaps are not
             averaged.
@@ -144,7 +148,13 @@ def solve_contact(
     path = _Path(problem, newton, term, law.form)
     wanted = _knots(problem) if times is None else np.asarray(times, dtype=np.float64)
     is_driven = problem.tools[0].drive is not None
-    reason = path.load(0.0 if is_driven else wanted[0])
+    if start is not None:
+        if is_driven:
+            raise InputError("a tool that is driven by a force has no start; leave it out")
+        wanted = wanted[-1:]
+        reason = path.go_on_from(newton.body.checked(start), float(wanted[0]))
+    else:
+        reason = path.load(0.0 if is_driven else wanted[0])
     if not reason and problem.tools[0].drive is not None:
         reason = path.drive(problem.tools[0].drive)
     for time in () if reason or is_driven else wanted[1:]:
@@ -179,6 +189,30 @@ class _Path:
         is_rough = is_coupled and form is ContactForm.CONSTRAINT
         self._first_tolerance = _ROUGH_START if is_rough else 0.0
         self._shortest_step = np.inf
+
+    def go_on_from(self, start: Points, time: float) -> str:
+        """Find the equilibrium at a time near a displacement; return why there is none, or empty.
+
+        First with the forces on the tools that balance there, which far from an equilibrium are
+        far too large; then without.
+        """
+        term, reason = self.term, ""
+        self.time = time
+        for is_borne in (True, False):
+            self.displacement = start
+            term.poses = self._poses(time)
+            if is_borne:
+                term.bear(start, -self.newton.residual_at(start))
+            else:
+                term.multipliers = [0.0 * of for of in term.multipliers]
+                term.settled = list(term.multipliers)
+            term.keep(start, term.poses)
+            term.poses = []
+            reason = self._settle(time, 1.0)
+            if not reason:
+                self._keep()
+                break
+        return reason
 
     def load(self, time: float) -> str:
         """Raise the loads at the first pose; return the reason of a failure, else empty."""

@@ -3,9 +3,11 @@
 A node that would be inside a tool after a step gets the force that leaves it on the surface
 instead. With lumped mass the multipliers are independent, and each has a closed form:
 
-    p = -g / (n . W n),   correction W n p,   W = dt^2 / (m (1 + lambda dt / 2))
+    p = -g / (n . W b),   correction W b p,   W = dt^2 / (m (1 + lambda dt / 2))
 
-with the gap g and the normal n at the position without contact, W = 0 along fixed components. N. J.
+with the gap g and the normal n at the position without contact, W = 0 along fixed components, and
+the normal b of a round tool where the node is as the step begins (else b = n): along n the force
+would lean with the node's slip v, by v dt / r, and push it on, a damping of -p dt / r. N. J.
 Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
 contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
 
@@ -25,7 +27,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, ContactRule, RigidTool, SphereShape
 from palpate.reference import fenicsx
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_contact import contact_rule, require_outside
@@ -34,6 +36,8 @@ from palpate.reference.mesh_transfer import TransferredSpace
 
 # A node with fixed components leaves the tool along another line than its normal: iterations.
 _MOST_CORRECTIONS = 6
+# Least cosine between the normals of a step's two ends: beyond it the node turned a corner.
+_NEARLY_ONE_NORMAL = 0.5
 
 
 class SteppedTools:
@@ -127,6 +131,14 @@ class _SteppedTool:
         positions = self._points.positions(displacement)
         return self._points.gaps(tool_distance(self._tool.shape, position, rotation, positions).gap)
 
+    def _normals_at(self, displacement: Floats, time: float) -> Points | None:
+        """Normals of a round tool at the nodes, shape (n, 3); None of another."""
+        if not isinstance(self._tool.shape, SphereShape | CapsuleShape):
+            return None
+        position, rotation = self._tool.path.pose_at(time)
+        positions = self._points.positions(displacement)
+        return tool_distance(self._tool.shape, position, rotation, positions).normal
+
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
         if self.is_averaged:
             return self._keep_averages_out(ahead, time)
@@ -134,10 +146,15 @@ class _SteppedTool:
         positions = self._points.positions(ahead)
         forces, normals = np.zeros_like(positions), np.zeros_like(positions)
         rows = np.arange(len(positions))
+        begun = self._normals_at(now, time - dt)
         for _ in range(_MOST_CORRECTIONS):
             before = None if self._came_from is None else self._came_from[rows]
             at = tool_distance(self._tool.shape, position, rotation, positions[rows], before)
-            give = np.einsum("ni,ni,ni->n", self._mobility[rows], at.normal, at.normal)
+            lines = at.normal
+            if begun is not None:
+                is_one = np.sum(begun[rows] * lines, axis=1) > _NEARLY_ONE_NORMAL
+                lines = np.where(is_one[:, None], begun[rows], lines)
+            give = np.einsum("ni,ni,ni->n", self._mobility[rows], at.normal, lines)
             is_pushed = (at.gap < 0.0) & (give > 0.0)
             rows, give = rows[is_pushed], give[is_pushed]
             if not len(rows):
@@ -145,7 +162,7 @@ class _SteppedTool:
             normal = at.normal[is_pushed]
             is_first = ~normals[rows].any(axis=1)
             normals[rows[is_first]] = normal[is_first]
-            push = (-at.gap[is_pushed] / give)[:, None] * normal
+            push = (-at.gap[is_pushed] / give)[:, None] * lines[is_pushed]
             forces[rows] += push
             positions[rows] += self._mobility[rows] * push
             rows = rows[~self._is_free[rows]]

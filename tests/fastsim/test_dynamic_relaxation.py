@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -14,8 +15,10 @@ from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case import load_case
 
@@ -65,6 +68,17 @@ def test_pressure_and_moved_supports(ragged_box: TetMesh, strain: Strain, elemen
     assert relaxed.displacement[np.unique(end)] == pytest.approx(
         np.tile([0.2, 0.1, 0.0], (len(np.unique(end)), 1))
     )
+
+
+def test_from_a_start_springs_pull_too(ragged_box: TetMesh) -> None:
+    path = AnchorPath(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]]))
+    spring = Spring.on(ragged_box, (1.6, 0.6, 0.6), 0.7, 2e3, path)
+    problem = dataclasses.replace(held_block(ragged_box), springs=(spring,))
+    newton = solve_static(problem)
+    found = relax(problem, start=0.9 * newton.displacement)
+    assert difference(found.displacement, newton.displacement) < 1e-8
+    with pytest.raises(InputError, match="knows no springs"):
+        relax(problem)
 
 
 def test_what_is_returned_balances(ragged_box: TetMesh) -> None:

@@ -125,7 +125,7 @@ class Pointer:
 # Simulated time [s]: of a window, and of all the waiting.
 _WINDOW, _LONGEST = 0.1, 10.0
 # Remaining motion over the largest displacement [-]: a tenth of what the verdict resolves.
-_RESTS = 1e-3
+RESTS = 1e-3
 # Motion in a window below this fraction of the displacement is rounding.
 _ROUNDING = 1e-7
 
@@ -137,8 +137,8 @@ class Settling:
         tick: Simulated time between two observations [s], > 0.
 
     Attributes:
-        to_go: Remaining motion over the largest displacement, of the body that has farthest to go
-            [-]; infinite before the second window, and where the motion does not die away.
+        each_to_go: Remaining motion over the largest displacement of each body [-], shape (n,);
+            infinite where the motion does not die away.
     """
 
     def __init__(self, tick: float) -> None:
@@ -148,12 +148,24 @@ class Settling:
         self._begin: list[Points] = []
         self._ways: Floats = np.zeros(0)
         self._before: Floats | None = None
-        self.to_go = math.inf
+        self.each_to_go: Floats = np.array([math.inf])
+
+    @property
+    def to_go(self) -> float:
+        """What the body that has farthest to go has still to go [-]; see `each_to_go`."""
+        return float(self.each_to_go.max())
+
+    @property
+    def progress(self) -> str:
+        """How long the waiting may still take, in words and per cent."""
+        return (
+            f"the bodies come to rest: {min(self._ticks / self._most, 1.0):.0%} of the longest wait"
+        )
 
     @property
     def rests(self) -> bool:
         """Whether every body has come to rest."""
-        return self.to_go <= _RESTS
+        return self.to_go <= RESTS
 
     @property
     def is_over(self) -> bool:
@@ -164,9 +176,11 @@ class Settling:
     def says(self) -> str:
         """How far from rest the bodies are, in a sentence."""
         if self.rests:
-            return f"settled: less than {_RESTS:.1%} of the largest displacement is still to go"
-        left = "it does not die away" if math.isinf(self.to_go) else f"{self.to_go:.1%} is to go"
-        return f"not at rest after {_LONGEST:g} s: of the largest displacement {left}"
+            return f"settled: less than {RESTS:.1%} of the largest displacement is still to go"
+        left = f"{self.to_go:.1%} of the largest displacement is still to go"
+        if self.to_go >= 1.0:
+            left = "the motion does not die away"
+        return f"not at rest after {_LONGEST:g} s ({left}): the static solver goes on from here"
 
     def note(self, displacements: Sequence[Points]) -> bool:
         """Note the present displacements [m], shape (num_points, 3) for each body.
@@ -185,8 +199,8 @@ class Settling:
         if self._before is not None:
             sizes = [float(np.abs(u).max()) for u in displacements]
             rows = zip(self._before, self._ways, sizes, strict=True)
-            self.to_go = max(
-                _left(d1, d2) / size if d2 > _ROUNDING * size else 0.0 for d1, d2, size in rows
+            self.each_to_go = np.array(
+                [_left(d1, d2) / size if d2 > _ROUNDING * size else 0.0 for d1, d2, size in rows]
             )
         self._before, self._ways = self._ways, np.zeros(len(displacements))
         self._begin = [u.copy() for u in displacements]

@@ -215,6 +215,7 @@ def write_pose(
     grip: dict[str, Any] | None,
     folder: Path,
     name: str,
+    to_go: Floats | None = None,
 ) -> tuple[Path, Path]:
     """Write the present pose as a static case, with the solutions of the panes beside it.
 
@@ -226,9 +227,11 @@ def write_pose(
         grip: Table of the spring that grips the surface.
         folder: Where the case goes; it is made where it does not exist.
         name: The name of the case.
+        to_go: What is left of each pane's motion over its largest displacement [-], shape
+            (num_panes,); None where all are at rest.
 
     Returns:
-        The case file, and the .npz with displacements, forces, names and elements.
+        The case file, and the .npz with displacements, forces, names, elements and `to_go`.
 
     Raises:
         InputError: Nothing acts on the body.
@@ -271,6 +274,7 @@ def write_pose(
             names=np.array([pane.name for pane in panes]),
             strain=np.array([pane.strain.value for pane in panes]),
             element=np.array([pane.element.value for pane in panes]),
+            to_go=np.zeros(len(panes)) if to_go is None else to_go,
         )
     return path, solutions
 

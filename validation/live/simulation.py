@@ -367,7 +367,14 @@ class Simulation(threading.Thread):
             name = free_name(self._folder, f"held-{self._case.name}")
             spring = None if self._grip is None else self._grip.static_table()
             case, pose = write_pose(
-                self.live, self.pointer.position, self.panes, forces, spring, self._folder, name
+                self.live,
+                self.pointer.position,
+                self.panes,
+                forces,
+                spring,
+                self._folder,
+                name,
+                settled.each_to_go,
             )
         except (InputError, OSError) as error:
             self._is_paused = False

@@ -1,8 +1,8 @@
 """Compares a pose of the live page with the reference, as a program in the background.
 
 python -m palpate.validation.live.verdict CASE.toml POSE.npz: the case is static, POSE holds each
-pane's displacement [m], the force on the tool [N], strain measure and element. Two questions, one
-after the other:
+pane's displacement [m], the force on the tool [N], strain measure and element. A pose that is not
+at rest is brought to rest first, or is inconclusive. Two questions, one after the other:
 
 - `SAME_MESH`: is it solved right? Each pane against the reference with its own strain measure and
   element on the same mesh: what is left is how far the pose is from rest.
@@ -21,21 +21,20 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import LOST
-from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.exchange.result_files import ResultFile
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
+from palpate.validation.live.poses import PoseOfPane, at_rest, read_pose
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.geometry import with_geometry
@@ -64,32 +63,6 @@ _RIGHT = (
 )
 
 
-class PoseOfPane(NamedTuple):
-    """The pose of the body in a pane: strain measure and element are those it is stepped with.
-
-    `displacement` [m] has shape (num_points, 3), `force` of the body on the tool [N] (3,).
-    """
-
-    name: str
-    strain: Strain
-    element: Element
-    displacement: Points
-    force: Floats
-
-    def state(self, problem: Problem, strain: Strain) -> State:
-        """The pose as a candidate's solution for a strain measure.
-
-        Raises:
-            CandidateFailedError: It is no usable solution.
-        """
-        about: dict[str, Any] = {}
-        if problem.tools:
-            about["tool_forces"] = [self.force.tolist()]
-        values = self.displacement[None]
-        result = ResultFile(Path(self.name), values, are_positions=False, times=None, about=about)
-        return state_of_result(result, problem, self.name, strain, element=self.element)
-
-
 class PaneVerdict(NamedTuple):
     """The verdict on a pane, its checks in words, and its error's length at each point [m].
 
@@ -102,21 +75,13 @@ class PaneVerdict(NamedTuple):
     error: Floats
 
 
-def read_pose(path: Path) -> list[PoseOfPane]:
-    """Read what `recording.write_pose` wrote beside the case."""
-    with np.load(path, allow_pickle=False) as given:
-        columns = (given[key] for key in ("names", "strain", "element", "displacement", "force"))
-        rows = zip(*columns, strict=True)
-        return [PoseOfPane(str(n), Strain(s), Element(e), u, f) for n, s, e, u, f in rows]
-
-
 def same_mesh_references(
     case: Case, panes: Sequence[PoseOfPane], progress: Progress
 ) -> ReferenceSet:
     """Solve the reference on the case's mesh for each strain measure and element of the panes."""
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
-    for pane in panes:
+    for pane in (pane for pane in panes if not pane.why):
         strain, element = pane.strain, pane.element
         key = (OF_ELEMENT[element], strain)
         if key in states or key in failures:
@@ -141,7 +106,10 @@ def true_references(
         ReferenceFailedError: There is none, or the tool never touches its body.
     """
     request = truth_request(case)
-    start = [pane for pane in panes if pane.strain is Strain.GREEN][-1].displacement
+    resting = [pane for pane in panes if pane.strain is Strain.GREEN and not pane.why]
+    if not resting:
+        raise ReferenceFailedError("no body under Green strain is at rest, from which it starts")
+    start = resting[-1].displacement
     found = solve_live(
         case.problem,
         progress,
@@ -193,6 +161,10 @@ def judge_panes(
     """Compare the panes with the references of a question."""
     found = []
     for pane in panes:
+        if pane.why:
+            nowhere = np.full(case.mesh.mesh.num_points, np.nan)
+            found.append(PaneVerdict(pane.name, Verdict.INCONCLUSIVE, [pane.why], nowhere))
+            continue
         strain = pane.strain if question == SAME_MESH else Strain.GREEN
         own = references.of_element(pane.element)
         judge = CaseJudge(case, own)
@@ -258,6 +230,10 @@ def main(words: list[str]) -> int:
     try:
         case, panes = load_case(path), read_pose(pose)
         used = np.unique(case.problem.mesh.boundary_facets)
+        rested = [at_rest(case.problem, pane, progress) for pane in panes]
+        panes = [pane for pane, _ in rested]
+        for text in (done for _, done in rested if done):
+            print(json.dumps({"kind": "note", "text": text}), flush=True)
         known = same_mesh_references(case, panes, progress)
         say(path, SAME_MESH, judge_panes(SAME_MESH, case, panes, known), used)
         found = true_references(case, panes, known, progress)

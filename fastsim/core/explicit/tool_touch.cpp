@@ -19,19 +19,30 @@ Gap gap_at(const ToolShape &shape, const Pose &pose, const Point &place, const W
 
 // A vertex with held components leaves the tool along another line than its normal.
 constexpr int most_corrections = 6;
+// Least cosine between the normals of a step's two ends: beyond it the vertex turned a corner.
+constexpr double nearly_one_normal = 0.5;
 
-Point constraint_force(const TouchSettings &tool, const Pose &next, const Mover &mover,
-                       const WayIn &way, Gap &gap) {
+bool is_round(const ToolShape &shape) {
+    return std::holds_alternative<Sphere>(shape) || std::holds_alternative<Capsule>(shape);
+}
+
+Point constraint_force(const TouchSettings &tool, const Pose &now, const Pose &next,
+                       const Mover &mover, const WayIn &way, Gap &gap) {
     Point force{};
     gap = gap_at(tool.shape, next, mover.after(force), way);
+    if (!(gap.distance < 0.0))
+        return force;
     Gap last = gap;
+    const Point begin =
+        is_round(tool.shape) ? gap_at(tool.shape, now, mover.place, way).normal : gap.normal;
     for (int k = 0; k < most_corrections && last.distance < 0.0; ++k) {
+        const Point &line = dot(begin, last.normal) > nearly_one_normal ? begin : last.normal;
         double give = 0.0;
         for (std::size_t j = 0; j < 3; ++j)
-            give += mover.mobility[j] * last.normal[j] * last.normal[j];
+            give += mover.mobility[j] * last.normal[j] * line[j];
         if (!(give > 0.0))
             break;
-        force = along(force, last.normal, -last.distance / give);
+        force = along(force, line, -last.distance / give);
         const bool is_free =
             mover.mobility[0] == mover.mobility[1] && mover.mobility[1] == mover.mobility[2];
         if (is_free)
@@ -84,7 +95,7 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
         Gap gap{};
         if (tool.is_constraint) {
             const Mover mover = mover_of(motion, vertex.entry, place);
-            force = constraint_force(tool, next, mover, vertex.way, gap);
+            force = constraint_force(tool, now, next, mover, vertex.way, gap);
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
                 continue;

@@ -5,7 +5,9 @@
 //  constraint  the force that puts the vertex onto the tool at the end of the step, where it would
 //              end inside: with lumped mass a Lagrange multiplier for each vertex by itself
 //              (Carpenter, Taylor and Katona 1991, "Lagrange constraints for transient finite
-//              element surface contact": forward increments)
+//              element surface contact": forward increments). It acts along the normal of a round
+//              tool where the vertex is, as the step begins: along that where it would end it leans
+//              with the slip, by v dt / r, and pushes it on, a damping of -f dt / r
 //  facets      the penalty integrated over facets, f = k A w max(0, -g) n at each of their points;
 //              see ContactRule of Python
 //  friction    the force that stops the slip of the step ahead, at most mu times the normal force

@@ -14,6 +14,8 @@ from palpate.fastsim.gpu.kernels.tool_shapes import make_shapes
 CHUNK = 64
 # Rows of the loads on a tool.
 MOST_CORRECTIONS = 6
+# Least cosine between the normals of a step's two ends: beyond it the vertex turned a corner.
+NEARLY_ONE_NORMAL = 0.5
 
 
 def make_tool(wp: Any) -> Any:
@@ -42,6 +44,7 @@ def make(kit: Kit) -> None:
     vec13 = wp.types.vector(13, f64)
     chunk_size = wp.constant(CHUNK)
     most_corrections = wp.constant(MOST_CORRECTIONS)
+    nearly_one_normal = wp.constant(f64(NEARLY_ONE_NORMAL))
 
     @kit.func
     def double(v: vec3):
@@ -72,9 +75,11 @@ def make(kit: Kit) -> None:
         end: vec3d,
         mobile: vec3d,
         gap: wp.vec4d,
+        started: vec3d,
         begin: vec3d,
         known: int,
     ):
+        # Along the normal where the step starts, or the force would push on the slip.
         # A vertex with fixed components leaves the tool along another line than its normal.
         rounds = int(most_corrections)
         if mobile[0] == mobile[1] and mobile[1] == mobile[2]:
@@ -83,9 +88,12 @@ def make(kit: Kit) -> None:
         last = gap
         for _k in range(rounds):
             n = vec3d(last[0], last[1], last[2])
-            give = wp.dot(mobile, wp.cw_mul(n, n))
+            line = n
+            if wp.dot(started, n) > nearly_one_normal:
+                line = started
+            give = wp.dot(mobile, wp.cw_mul(n, line))
             if last[3] < f64(0.0) and give > f64(0.0):
-                f += (-last[3] / give) * n
+                f += (-last[3] / give) * line
                 if rounds > 1:
                     last = gap_at(tool, origin, turn, end + wp.cw_mul(mobile, f), begin, known)
         return f
@@ -172,8 +180,20 @@ def make(kit: Kit) -> None:
             if not gap[3] < f64(0.0):
                 return
             normal = vec3d(gap[0], gap[1], gap[2])
+            started = normal
+            if tool.shape == 0 or tool.shape == 1:
+                g = gap_at(tool, now_origin, now_turn, position, new_way, new_known)
+                started = vec3d(g[0], g[1], g[2])
             f = constraint_force(
-                tool, next_origin, next_turn, position + ahead, mobile, gap, new_way, new_known
+                tool,
+                next_origin,
+                next_turn,
+                position + ahead,
+                mobile,
+                gap,
+                started,
+                new_way,
+                new_known,
             )
         else:
             gap = gap_at(tool, now_origin, now_turn, position, way, known)

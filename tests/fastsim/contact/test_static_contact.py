@@ -215,6 +215,24 @@ def test_explicit_steps_come_to_rest_at_the_same_state(
     assert np.abs(rest.displacement - found.displacements[-1]).max() < 1e-8 * 0.06
 
 
+@BOTH
+def test_from_nearby_the_same_state_is_found_without_the_way_there(
+    slab: TetMesh, strain: Strain
+) -> None:
+    problem = standing(slab, SPHERE)
+    found = solve_contact(problem, strain=strain)
+    size = np.abs(found.displacements[-1]).max()
+    near = found.displacements[-1] * (1.0 + 0.1 * np.cos(np.arange(3)))
+    again = solve_contact(problem, strain=strain, start=near)
+    assert again.times.tolist() == [found.times[-1]]
+    assert again.iterations < found.iterations
+    rest = relax(problem, strain=strain, start=near)
+    for state in (again.displacements[-1], rest.displacement):
+        assert np.abs(state - found.displacements[-1]).max() < 1e-7 * size
+    warm = solve_static(problem, strain=strain, start=near)
+    assert np.array_equal(warm.displacement, again.displacements[-1])
+
+
 def test_a_flat_punch_touches_what_lies_below_it(slab: TetMesh) -> None:
     # Vertices 0.125 apart: 5 x 5 of them below the punch, at its middle.
     tool = RigidTool(BoxShape((0.26, 0.26, 0.3)), down([0.5, 0.5, 0.8], [0.0, 0.05]))
