@@ -32,7 +32,8 @@ _NEARLY = 0.2
 _MOST_TRIALS = 12
 # A Newton step may take det F down to this fraction of what it was, not further.
 _SHRINK_PER_STEP = 0.1
-# Below this relative residual the multigrid of one tangent is used for the next ones too.
+# Below this relative residual the multigrid of one tangent is used for the next ones too, and the
+# tangent of contact is consistent.
 _NEAR = 0.1
 
 Report = Callable[[int, float, float], None]
@@ -225,6 +226,8 @@ class Newton:
                 return Outcome(u, relative, iteration, "the iteration stalls")
             if iteration == self._max_iterations:
                 break
+            for contact in eq.contacts:
+                contact.is_near = relative < _NEAR
             matrix = eq.tangent(u, load_factor)
             rounding = self._rounding_error(matrix, u)
             # A loose tolerance far from the solution; at the end tight enough for one last step.

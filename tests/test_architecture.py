@@ -269,6 +269,7 @@ LINES = {
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
         "issue 38: first screen of a report; issue 40: stand-ins for FEBio and SOFA",
+        "issue 38: first screen of a report, the live page in two browsers",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
@@ -296,9 +297,9 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3160,
+        3240,
         "issue 34: how the page is opened, and what recordings may not replace; "
-        "issue 38: poses are brought to rest",
+        "issue 38: poses are brought to rest, answers in words beside the buttons",
     ),
     "validation/metrics": (
         4900,

@@ -136,9 +136,9 @@ _STIFFNESS_RATIO = 100.0
 _TOUCHES = 0.02
 # Rounding error of a distance, in units of the coordinates' own.
 _ROUNDINGS = 16.0
-# Over facets pressures enter the curvature's part of the tangent up to this times Young's modulus,
-# or their multiplier. Far from equilibrium k times the depth of a whole step would make it
-# indefinite; below it the tangent is consistent.
+# Far from equilibrium, and over facets, pressures enter the curvature's part of the tangent up to
+# this times Young's modulus, or their multiplier: k times the depth of a whole step would make it
+# indefinite, and Newton's steps short. Below it the tangent is consistent.
 _MOST_CURVED = 0.1
 # Penalty of friction over that of contact in motion: the sticking part of the surface changes from
 # step to step, and a larger penalty slows Newton's method at every node that begins to slip.
@@ -238,6 +238,7 @@ class ToolContact:
 
     Attributes:
         is_averaged: Whether gaps are averages over facets.
+        is_near: Whether the body is near an equilibrium.
 
     Raises:
         InputError: Contact facets are inside the body.
@@ -258,7 +259,7 @@ class ToolContact:
         rule = contact_rule(tool, space.degree)
         self.points = find_contact_points(space, tool.contact_facets, fixed, numbers, rule)
         self.is_averaged = rule is ContactRule.FACETS
-        self._most_curved = _MOST_CURVED * youngs_modulus if self.is_averaged else np.inf
+        self._most_curved = _MOST_CURVED * youngs_modulus
         self._num_dofs = num_dofs
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches the body must not press on it by rounding errors.
@@ -267,6 +268,7 @@ class ToolContact:
         shape = tool.shape
         self._faces = ContactFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
         self._friction = Friction(tool.friction_coefficient, len(self.points.point_areas))
+        self.is_near = True
         self._drag_part = 1.0
         self._way = np.zeros(3)
         self.begin()
@@ -482,7 +484,9 @@ class ToolContact:
         which is symmetric.
         """
         tractions, areas = self._tractions(distance), self.points.areas
-        curved = np.minimum(tractions, np.maximum(self.pressure, self._most_curved))
+        curved = tractions
+        if self.is_averaged or not self.is_near:
+            curved = np.minimum(tractions, np.maximum(self.pressure, self._most_curved))
         stiffness = -self.points.loads(curved)[:, None, None] * distance.curvature
         mu = self._friction.coefficient
         if mu > 0.0:

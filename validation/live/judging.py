@@ -7,6 +7,7 @@ shown as soon as it is there, and stays.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -17,13 +18,26 @@ from typing import Any
 
 from palpate.meshes.supervised import supervised
 from palpate.reference import availability
-from palpate.validation.live.verdict import SAME_MESH, TRUTH
+from palpate.validation.live.verdict import ASKED, SAME_MESH, TRUTH
 
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
 # The longest wait for each result, counted from the end of what preceded it [s].
 LIMITS = {SAME_MESH: 120.0, TRUTH: 180.0}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
+# What a line of the solver's means to who waits for it; the words of other lines are their own.
+_IN_WORDS = tuple(
+    (re.compile(pattern), words)
+    for pattern, words in (
+        (r"bringing it to rest|looking for its equilibrium", "bringing the bodies to rest"),
+        (r"^(loading|compiling|reference )|degrees of freedom", "starting the solver"),
+        (r"^from nearby", "looking for the equilibrium near the pose"),
+        (r"^load ", "raising the load by steps"),
+        (r"^tools? ", "pressing the tool in by small steps"),
+        (r"^mesh \d+", "refining the mesh where the error comes from"),
+        (r"no equilibrium on", "trying another mesh"),
+    )
+)
 # The shortest time between two reports of progress [s].
 _BREATH = 0.5
 
@@ -42,6 +56,7 @@ class Judging(threading.Thread):
         self._case, self._pose, self._say = case, pose, say
         self._process: subprocess.Popen[Any] | None = None
         self._is_over = self._is_late = False
+        self._since = time.monotonic()
         self._waits_for: str | None = SAME_MESH
         self._timer = threading.Timer(0.0, self._give_up)
 
@@ -72,7 +87,7 @@ class Judging(threading.Thread):
                     self._pass_on(json.loads(line))
                 elif time.monotonic() - last > _BREATH:
                     last = time.monotonic()
-                    self._say({"kind": "progress", "text": line.strip()})
+                    self._progress(line)
             code = process.wait()
             self._timer.cancel()
             reading.join()
@@ -96,6 +111,7 @@ class Judging(threading.Thread):
         self._timer.cancel()
         self._waits_for = question
         if question is not None:
+            self._since = time.monotonic()
             self._timer = threading.Timer(LIMITS[question], self._give_up)
             self._timer.daemon = True
             self._timer.start()
@@ -111,8 +127,14 @@ class Judging(threading.Thread):
             self._wait_for(TRUTH if note["more"] else None)
         self._say(note)
         if note.get("more"):
-            limit = LIMITS[TRUTH]
-            self._say({"kind": "progress", "text": f"looking for the truth, {limit:g} s at most"})
+            self._progress("looking for the truth")
+
+    def _progress(self, line: str) -> None:
+        """Say how far the search has come: in words, and as a part of the longest wait."""
+        if self._waits_for is not None:
+            share = min(1.0, (time.monotonic() - self._since) / LIMITS[self._waits_for])
+            text = f"{ASKED[self._waits_for]} {in_words(line)}"
+            self._say({"kind": "progress", "text": text, "share": share})
 
     def stop(self) -> None:
         """End the thread and the program that it started."""
@@ -123,4 +145,19 @@ class Judging(threading.Thread):
         self.join()
 
     def _end(self, text: str) -> None:
-        self._say({"kind": "judged", "text": text, "more": False, "verdicts": [], "errors": []})
+        question = ASKED[self._waits_for or TRUTH]
+        self._say({**not_judged(text), "question": question})
+
+
+def not_judged(text: str) -> Note:
+    """The note that nothing was found, with the reason."""
+    return {
+        "kind": "judged", "text": text, "question": "", "rows": [], "more": False, "verdicts": [],
+        "errors": [],
+    }  # fmt: skip
+
+
+def in_words(line: str) -> str:
+    """What a line of the solver's means to who waits for it."""
+    text = line.strip()
+    return next((words for pattern, words in _IN_WORDS if pattern.search(text)), text)

@@ -156,11 +156,9 @@ class Settling:
         return float(self.each_to_go.max())
 
     @property
-    def progress(self) -> str:
-        """How long the waiting may still take, in words and per cent."""
-        return (
-            f"the bodies come to rest: {min(self._ticks / self._most, 1.0):.0%} of the longest wait"
-        )
+    def share(self) -> float:
+        """Part of the longest waiting time that is over [-]."""
+        return min(self._ticks / self._most, 1.0)
 
     @property
     def rests(self) -> bool:

@@ -19,7 +19,7 @@ from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
 from palpate.validation.live.frames import FrameMaker, Pace
-from palpate.validation.live.judging import Judging
+from palpate.validation.live.judging import Judging, not_judged
 from palpate.validation.live.live_case import Touch, live_case, patch_radius
 from palpate.validation.live.panes import BetweenVertices, ExplicitPane, Surface, make_panes
 from palpate.validation.live.pointer import RETREAT, Pointer, Settling
@@ -47,6 +47,8 @@ _LONGEST_RECORDING = 30.0
 NANOMETRE = 1e-9
 
 Note = dict[str, Any]
+# What is done at first where a pose is judged.
+SETTLING = "waiting until the bodies rest"
 
 
 class Simulation(threading.Thread):
@@ -287,6 +289,9 @@ class Simulation(threading.Thread):
                 self.pointer.withdraw()
             case protocol.Order(kind="reset"):
                 self._recorded = None
+                if self._judging is not None:  # which had paused the bodies
+                    self._judging.stop()
+                    self._judging, self._is_paused = None, False
                 self._reset()
             case protocol.Order(kind="judge"):
                 self._begin_to_judge()
@@ -351,11 +356,12 @@ class Simulation(threading.Thread):
         if self._grip is not None:
             self._grip.pointer.stay()
         self._settling = Settling(self.live.clock.tick)
-        self._say("judging: waiting until the bodies rest")
+        self._send({"kind": "progress", "text": SETTLING, "share": 0.0})
 
     def _settle(self, settling: Settling) -> None:
         """Watch the bodies settle; forces are means over the last window or less."""
         if settling.note([pane.displacement for pane in self.panes]) and not settling.is_over:
+            self._send({"kind": "progress", "text": SETTLING, "share": settling.share})
             for pane in self.panes:
                 pane.mean_force()
 
@@ -378,8 +384,7 @@ class Simulation(threading.Thread):
             )
         except (InputError, OSError) as error:
             self._is_paused = False
-            note = {"kind": "judged", "text": str(error), "more": False}
-            self._send({**note, "verdicts": [], "errors": []})
+            self._send(not_judged(str(error)))
             return
         self._say(settled.says)
         moved = [pane.displacement for pane in self.panes]

@@ -34,6 +34,7 @@ from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
+from palpate.validation.judging.results import CheckResult
 from palpate.validation.live.poses import PoseOfPane, at_rest, read_pose
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE
@@ -43,19 +44,24 @@ from palpate.validation.references.reference_set import SAME_MESH as LINEAR
 from palpate.validation.references.reference_set import TRUTH as GRADED
 from palpate.validation.references.runs import solve_state
 from palpate.validation.references.statics import estimate_bars, solve_live
+from palpate.validation.report.answer import amount_of, quantity_of
 from palpate.validation.report.viewer import packed
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict, gravest
 
 SAME_MESH, TRUTH = "same mesh", "truth"
-_ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
+ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
 _COLOUR = {
-    SAME_MESH: "colour: distance from the reference on the same mesh",
-    TRUTH: "colour: distance from the truth (P2, Green strain)",
+    SAME_MESH: "colour: distance from the reference on the same mesh, in mm",
+    TRUTH: "colour: distance from the truth (quadratic tetrahedra, Green strain), in mm",
 }
 # Time budget of the reference: it ends before the page stops waiting [s].
 _SECONDS = 120.0
 # Time budget of the bar's geometry part, for bodies that have one [s].
 _OF_GEOMETRY = 40.0
+# The colours of errors end at this part of the largest displacement or beyond.
+_LEAST_COLOUR = 0.01
+# An error below this is not worth its digits [-].
+_NOTHING = 1e-4
 _EQUATIONS = "the same equations on the same mesh: the rest is the way left to equilibrium"
 _RIGHT = (
     {"metric": "displacement_l2", "limit": 0.01, "reason": _EQUATIONS},
@@ -170,7 +176,7 @@ def judge_panes(
         judge = CaseJudge(case, own)
         state, why = _usable_state(pane, case.problem, strain)
         checks = [judge.check(spec, state, why) for spec in _checks(question, case, strain)]
-        words = [f"{c.metric} {c.verdict.value}: {c.message}" for c in checks]
+        words = [why] if why else [text for check in checks if (text := _in_words(check))]
         reference = own.same_mesh(strain) if question == SAME_MESH else own.truth(strain)
         error = np.full(case.mesh.mesh.num_points, np.nan)
         if reference is not None:
@@ -201,20 +207,46 @@ def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
     ]
 
 
-def say(path: Path, question: str, panes: Sequence[PaneVerdict], used: Indices) -> None:
-    """Print the notes of a verdict: on each pane, and on the errors at the surface points."""
-    for pane in panes:
-        text = f"{_ASKED[question]} {pane.name}: {pane.verdict}. {'; '.join(pane.checks)}"
-        print(json.dumps({"kind": "note", "text": text, "verdict": pane.verdict}))
+def _in_words(check: CheckResult) -> str:
+    """What a check found; empty for a quantity of the result alone that is as it should be."""
+    is_own = check.against == "candidate"
+    if check.value is None or (is_own and check.verdict is not Verdict.PASSED):
+        return check.message
+    if is_own:
+        return ""
+    if check.unit == "-" and check.value < _NOTHING and check.verdict is Verdict.PASSED:
+        return f"{quantity_of(check)} off by less than {_NOTHING:.2%}"
+    return f"{quantity_of(check)} off by {amount_of(check)}"
+
+
+def say(
+    path: Path, question: str, panes: Sequence[PaneVerdict], used: Indices, size: float = 0.0
+) -> None:
+    """Print the note of a verdict: on each pane, and on the errors at the surface points.
+
+    Args:
+        path: The case.
+        question: `SAME_MESH` or `TRUTH`.
+        panes: Their verdicts.
+        used: Points of the surface, shape (n,).
+        size: Largest displacement [m]: of what is nearly nothing beside it the colours show none.
+    """
     lengths = [1e3 * pane.error[used] for pane in panes]
     there = [of for of in lengths if np.isfinite(of).all()]
+    largest = max((float(of.max()) for of in there), default=0.0)
     note = {
         "kind": "judged",
-        "text": f"{_COLOUR[question]}; the case: {path}",
+        "text": f"the case: {path}",
+        "question": ASKED[question],
+        "rows": [
+            {"name": pane.name, "verdict": pane.verdict, "words": "; ".join(pane.checks)}
+            for pane in panes
+        ],
+        "colour": _COLOUR[question],
         "against": question,
         "more": question == SAME_MESH,
         "verdicts": [pane.verdict for pane in panes],
-        "largest": max((float(of.max()) for of in there), default=0.0),
+        "largest": max(largest, _LEAST_COLOUR * 1e3 * size),
         "errors": [packed(of, np.float32) if np.isfinite(of).all() else None for of in lengths],
     }
     print(json.dumps(note, allow_nan=False), flush=True)
@@ -230,14 +262,15 @@ def main(words: list[str]) -> int:
     try:
         case, panes = load_case(path), read_pose(pose)
         used = np.unique(case.problem.mesh.boundary_facets)
+        size = max(float(np.linalg.norm(pane.displacement, axis=1).max()) for pane in panes)
         rested = [at_rest(case.problem, pane, progress) for pane in panes]
         panes = [pane for pane, _ in rested]
         for text in (done for _, done in rested if done):
             print(json.dumps({"kind": "note", "text": text}), flush=True)
         known = same_mesh_references(case, panes, progress)
-        say(path, SAME_MESH, judge_panes(SAME_MESH, case, panes, known), used)
+        say(path, SAME_MESH, judge_panes(SAME_MESH, case, panes, known), used, size)
         found = true_references(case, panes, known, progress)
-        say(path, TRUTH, judge_panes(TRUTH, case, panes, found), used)
+        say(path, TRUTH, judge_panes(TRUTH, case, panes, found), used, size)
     except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
         print(error, file=sys.stderr, flush=True)
         return 3

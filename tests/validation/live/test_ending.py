@@ -95,7 +95,7 @@ def test_ctrl_c_ends_the_page_the_bodies_and_the_verdict(tmp_path: Path) -> None
             client.say("tool", number=1, to=[x - 6.0, y, z])
             client.until_time(0.3)
             client.say("judge")
-            client.until(lambda heard: heard.get("kind") == "progress")
+            client.until(lambda heard: heard.get("text", "").endswith("begun"))
             assert any("sleeping_verdict" in line for line in in_session(process.pid))
             process.send_signal(signal.SIGINT)
             with pytest.raises(ConnectionClosed):

@@ -35,7 +35,7 @@ say(case, SAME_MESH, panes, np.array([0, 1]))
 """
 
 
-def judged(
+def said(
     later: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float = 60.0
 ) -> list[dict[str, Any]]:
     """What is said."""
@@ -44,10 +44,19 @@ def judged(
     monkeypatch.setattr("palpate.reference.availability.is_available", lambda: True)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.pathsep.join(sys.path)}")
     monkeypatch.setitem(LIMITS, verdict.TRUTH, limit)
-    said: list[dict[str, Any]] = []
-    thread = Judging(tmp_path / "a.toml", tmp_path / "a.npz", said.append)
+    monkeypatch.setattr("palpate.validation.live.judging._BREATH", 0.0)
+    notes: list[dict[str, Any]] = []
+    thread = Judging(tmp_path / "a.toml", tmp_path / "a.npz", notes.append)
     thread.run()
-    return [note for note in said if note["kind"] == "judged"]
+    return notes
+
+
+def judged(
+    later: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float = 60.0
+) -> list[dict[str, Any]]:
+    """What is found."""
+    notes = said(later, tmp_path, monkeypatch, limit)
+    return [note for note in notes if note["kind"] == "judged"]
 
 
 def test_a_truth_that_is_not_found_in_time_leaves_the_verdict_on_the_same_mesh(
@@ -58,6 +67,11 @@ def test_a_truth_that_is_not_found_in_time_leaves_the_verdict_on_the_same_mesh(
     assert first["against"] == "same mesh"
     assert first["verdicts"] == ["passed", "passed"]
     assert first["largest"] == pytest.approx(1.0)
+    assert first["question"] == "is it solved right?"
+    assert first["rows"][0] == {
+        "name": "Green strain", "verdict": "passed", "words": "displacement_l2 passed"
+    }  # fmt: skip
+    assert last["question"] == "is it what tissue does?"
     # Of the second pane there is no reference, so no colour either.
     assert first["errors"][0] is not None
     assert first["errors"][1] is None
@@ -76,6 +90,27 @@ def test_a_missing_truth_is_reported_with_its_reason(
     assert last["text"] == (
         "the truth was not found: a cell would invert; the verdict on the same mesh stands"
     )
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("from nearby, iteration 3: relative residual 6.68e-01, smallest det F 0.4855",
+         "looking for the equilibrium near the pose"),
+        ("tools from 0 to 1, 0.7313, iteration 8: relative residual 5.67e-13",
+         "pressing the tool in by small steps"),
+        ("22542 degrees of freedom, LDL (MUMPS)", "starting the solver"),
+        ("linear strain: bringing it to rest", "bringing the bodies to rest"),
+        ("something else", "something else"),
+    ],
+)  # fmt: skip
+def test_progress_is_in_words_and_a_part_of_the_longest_wait(
+    line: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes = said(f"print({line!r}, flush=True)", tmp_path, monkeypatch)
+    told = [note for note in notes if note["kind"] == "progress"]
+    assert words in [note["text"].removeprefix(f"{verdict.ASKED[verdict.TRUTH]} ") for note in told]
+    assert all(0.0 <= note["share"] < 0.5 for note in told)
 
 
 def test_both_verdicts_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

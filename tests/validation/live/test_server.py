@@ -25,6 +25,7 @@ from palpate.validation.case import load_case
 from palpate.validation.live.bench_touch import Client, connected
 from palpate.validation.live.live_case import Touch
 from palpate.validation.live.server import IN_USE, PageServer, TouchUnavailableError
+from palpate.validation.live.verdict import ASKED, SAME_MESH
 
 
 def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
@@ -236,7 +237,8 @@ def test_a_verdict_that_is_being_found_ends_with_the_server(
         client.say("tool", number=1, to=[x - 6.0, y, z])
         client.until_time(0.3)
         client.say("judge")
-        number = int(client.until(lambda heard: heard.get("kind") == "progress")["text"])
+        told = client.until(lambda heard: heard.get("text", "").startswith(ASKED[SAME_MESH]))
+        number = int(told["text"].split()[-1])
         os.kill(number, 0)
     for _ in range(100):
         try:

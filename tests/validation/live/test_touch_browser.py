@@ -259,6 +259,7 @@ def test_what_is_judged_shows_verdicts_and_errors(
     browser.find_element("id", "judge").click()
     wait(browser, "document.body.dataset.judged")
     assert "nothing acts" in browser.find_element("id", "notes").text
+    browser.find_element("id", "reset").click()
     dragged(browser, -150, 0)
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
     browser.find_element("id", "judge").click()
@@ -269,6 +270,16 @@ def test_what_is_judged_shows_verdicts_and_errors(
     said = browser.find_element("id", "notes").text
     assert "the truth was not found: a cell would invert; the verdict on the same mesh" in said
     assert "settled" in said
+    # The answers stand beside the buttons, where they are seen at once.
+    answers = browser.find_element("id", "verdicts")
+    assert "is it solved right?" in answers.text
+    assert "linear strain: failed" in answers.text
+    assert "is it what tissue does?\nnot known the truth was not found: a cell" in answers.text
+    box = "document.getElementById('verdicts').getBoundingClientRect()"
+    assert browser.execute_script(f"return {box}.top < 420")
+    assert not browser.find_element("id", "progress").is_displayed()
+    legend = browser.find_element("id", "quantity").text
+    assert legend == "colour: distance from the reference on the same mesh, in mm"
     # The colours are the errors: of the stub all of the displacement, largest under the tool.
     shades = browser.execute_script(
         "const s = window.palpate.stage;"
@@ -291,3 +302,62 @@ def test_what_is_judged_shows_verdicts_and_errors(
         "return document.documentElement.scrollWidth <= window.innerWidth"
     )
     assert serious(browser) == []
+
+
+def test_shadow_and_ghost_show_how_deep_the_tool_is(browser: Any, page: PageServer) -> None:
+    """Each is seen: the picture without it is another one. A body at rest is light, not dark."""
+    del page
+    resting = picture(browser)
+    body = resting[resting < 0.95]
+    assert np.median(body) > 0.45
+    dragged(browser, -120, 0)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
+    browser.find_element("id", "pause").click()
+    wait(browser, "document.getElementById('pause').getAttribute('aria-pressed') === 'true'")
+    whole = picture(browser)
+    for without in ("s.caster.radius = 0", "s.shown.forEach((shown) => { shown.moved = 0; })"):
+        browser.execute_script(f"const s = window.palpate.stage; {without}; s.paint();")
+        other = picture(browser)
+        assert (np.abs(other - whole) > 0.02).sum() > 20, without
+        whole = other
+    assert serious(browser) == []
+
+
+def verdicts_of(browser: Any, right: int, down: int) -> str:
+    """Of the pose after a drag from rest, on the same mesh."""
+    browser.find_element("id", "reset").click()
+    wait(browser, "Number(document.body.dataset.time) < 0.3")
+    dragged(browser, right, down)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) > 1e-3)")
+    browser.find_element("id", "judge").click()
+    wait(browser, "document.body.dataset.verdicts", 500.0)
+    found: str = browser.execute_script("return document.body.dataset.verdicts")
+    return found
+
+
+def judged_alike(browser: Any, server: PageServer, way: tuple[int, int], tries: int) -> None:
+    browser.set_window_size(1400, 900)
+    browser.get(server.address)
+    wait(browser, "Number(document.body.dataset.time) > 0")
+    found = [verdicts_of(browser, *way) for _ in range(2 * tries)]
+    browser.get("about:blank")
+    assert found == ["passed passed"] * (2 * tries)
+
+
+@pytest.mark.dolfinx
+def test_a_held_pose_is_judged_twice_alike(browser: Any, serving) -> None:
+    with serving("block", Touch(mass_damping=100.0)) as server:
+        judged_alike(browser, server, (-150, 0), 1)
+
+
+@pytest.mark.dolfinx
+@pytest.mark.nightly
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize(
+    ("name", "way"), [("kidney", (20, 128)), ("block", (-150, 0)), ("press", (0, 110))]
+)
+def test_a_pose_held_deep_is_judged_twice_alike_in_ten_of_ten_tries(
+    browser: Any, serving, name: str, way: tuple[int, int]
+) -> None:
+    with serving(name) as server:
+        judged_alike(browser, server, way, 10)

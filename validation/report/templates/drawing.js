@@ -16,7 +16,17 @@ const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 position; in float shade;
 uniform sampler2D colours; uniform vec4 plain; uniform int mode;
+uniform vec3 caster, casterWay, lamp; uniform float casterRadius, gloss;
 out vec4 colour;
+// 0 where the way to the lamp is free, 1 where the caster, a capsule, is in it; 0 without one.
+float shadow() {
+  if (casterRadius <= 0.0) return 0.0;
+  vec3 w = position - caster;
+  float b = dot(lamp, casterWay), c = dot(casterWay, casterWay), d = dot(lamp, w), e = dot(casterWay, w);
+  float s = c > b * b ? clamp((e - b * d) / (c - b * b), 0.0, 1.0) : 0.0, t = max(0.0, s * b - d);
+  if (c > 0.0) s = clamp((e + t * b) / c, 0.0, 1.0);
+  return 1.0 - smoothstep(0.8, 1.05, length(w + t * lamp - s * casterWay) / casterRadius);
+}
 void main() {
   if (mode == 2) { colour = plain; return; }
   vec3 normal = normalize(cross(dFdx(position), dFdy(position)));
@@ -25,8 +35,14 @@ void main() {
   if (mode == 1) base = texture(colours, vec2(clamp(shade, 0.0, 1.0), 0.5)).rgb;
   else if (shade < -0.5) base = vec3(0.71, 0.2, 0.18);
   else if (shade > 0.5) base = vec3(0.23, 0.42, 0.63);
-  colour = vec4(base * light, mode == 1 ? 1.0 : plain.a);
+  float shine = gloss * pow(abs(dot(normal, normalize(lamp + vec3(0.0, 0.0, 1.0)))), 20.0);
+  // Of a ghost the rim is seen, and no more of it than it has moved.
+  if (mode == 3) { colour = vec4(plain.rgb, plain.a * smoothstep(0.1, 0.6, shade) * (1.0 - 0.75 * abs(normal.z))); return; }
+  colour = vec4((base * light + shine) * (1.0 - 0.5 * shadow()), mode == 1 ? 1.0 : plain.a);
 }`;
+
+// Towards the lamp that casts shadows: right, up, towards the eye.
+const LAMP = [-0.48, 0.64, 0.6];
 
 function unpack(text, Kind) {
   const raw = atob(text), bytes = new Uint8Array(raw.length);
@@ -81,7 +97,7 @@ class Stage {
     this.program = program(gl);
     gl.useProgram(this.program);
     this.uniform = {};
-    for (const name of ["turn", "zoom", "fraction", "centre", "depth", "colours", "plain", "mode"])
+    for (const name of ["turn", "zoom", "fraction", "centre", "depth", "colours", "plain", "mode", "caster", "casterWay", "casterRadius", "lamp", "gloss"])
       this.uniform[name] = gl.getUniformLocation(this.program, name);
     this.buffers = { rest: gl.createBuffer(), motion: gl.createBuffer(), value: gl.createBuffer() };
     this.width = { rest: 3, motion: 3, value: 1 };
@@ -95,6 +111,7 @@ class Stage {
     this.offset = [0, 0];
     this.shown = [];
     this.ground = [1, 1, 1];
+    gl.uniform3f(this.uniform.lamp, ...LAMP);
   }
 
   // What else stands in a view: nothing here.
@@ -105,12 +122,12 @@ class Stage {
   }
 
   // A solid of one colour at these points; whoever is through with solids fills "rest" again.
-  drawSolid({ facets, indices, still, plain }, points, colour) {
+  drawSolid({ facets, indices, still, plain }, points, colour, mode = 0) {
     const gl = this.gl, draw = () => gl.drawElements(gl.TRIANGLES, facets.length, gl.UNSIGNED_INT, 0);
     this.fill("rest", points);
     this.fill("motion", still);
     this.fill("value", plain);
-    gl.uniform1i(this.uniform.mode, 0);
+    gl.uniform1i(this.uniform.mode, mode);
     gl.uniform4f(this.uniform.plain, ...colour);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
     if (colour[3] === 1) { draw(); return; }
@@ -243,27 +260,32 @@ class Stage {
     this.layout = { columns, rows, w, h, pixels, dense, centre };
     this.shown.forEach((shown, k) => {
       gl.viewport((k % columns) * w, (rows - 1 - Math.floor(k / columns)) * h, w, h);
-      const { motion, shade, fraction, lineFraction } = this.stateOf(shown);
-      this.fill("motion", motion);
-      this.fill("value", shade);
-      gl.uniform1i(this.uniform.mode, shown.mode);
-      gl.uniform1f(this.uniform.fraction, fraction);
-      gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
-      gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen
-      gl.polygonOffset(1, 1);
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
-      gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
-      gl.disable(gl.POLYGON_OFFSET_FILL);
-      gl.uniform1f(this.uniform.fraction, lineFraction);
-      gl.uniform1i(this.uniform.mode, 2);
-      gl.enable(gl.BLEND);
-      gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-      gl.uniform4f(this.uniform.plain, 0.1, 0.14, 0.18, shown.mode === 0 ? 0.35 : 0.16);
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.lines);
-      gl.drawElements(gl.LINES, this.edges.length, gl.UNSIGNED_INT, 0);
-      gl.disable(gl.BLEND);
+      this.paintBody(shown);
       this.drawBeside(shown);
     });
     this.root.dataset.state = gl.getError() === gl.NO_ERROR ? "drawn" : "failed";
+  }
+
+  // What a view shows, its facets and their edges.
+  paintBody(shown) {
+    const gl = this.gl, { motion, shade, fraction, lineFraction } = this.stateOf(shown);
+    this.fill("motion", motion);
+    this.fill("value", shade);
+    gl.uniform1i(this.uniform.mode, shown.mode);
+    gl.uniform1f(this.uniform.fraction, fraction);
+    gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
+    gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen
+    gl.polygonOffset(1, 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
+    gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.uniform1f(this.uniform.fraction, lineFraction);
+    gl.uniform1i(this.uniform.mode, 2);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.uniform4f(this.uniform.plain, 0.1, 0.14, 0.18, shown.mode === 0 ? 0.35 : 0.16);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.lines);
+    gl.drawElements(gl.LINES, this.edges.length, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.BLEND);
   }
 }

@@ -23,6 +23,9 @@ class Touch extends Stage {
     const s = 0.035 * scene.radius;
     this.anchor = this.solid(Float32Array.from([s, 0, 0, -s, 0, 0, 0, s, 0, 0, -s, 0, 0, 0, s, 0, 0, -s]),
       Uint32Array.from([0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5]));
+    this.ghost = this.solid(this.points, this.facets);
+    this.caster = capsuleAbout(this.tool.points);
+    this.gl.uniform1f(this.uniform.gloss, 0.12);
     this.colours = scene.colours;
     this.yaw += 0.3;
     this.pitch = Math.min(this.pitch + 0.15, Math.PI / 2 - 0.5);
@@ -81,14 +84,22 @@ class Touch extends Stage {
       const numbers = new Uint16Array(buffer, begin, 3 * this.count);
       begin += numbers.byteLength;
       const motion = new Float32Array(3 * this.count);
-      for (let k = 0; k < motion.length; ++k) motion[k] = origin[k % 3] + step * numbers[k] - this.points[k];
+      shown.moved = 0;
+      for (let k = 0; k < motion.length; ++k) {
+        motion[k] = origin[k % 3] + step * numbers[k] - this.points[k];
+        shown.moved = Math.max(shown.moved, Math.abs(motion[k]));
+      }
       shown.motion = motion;
+      shown.ghost = Float32Array.from({ length: this.count }, (_, k) => Math.hypot(...motion.subarray(3 * k, 3 * k + 3)) / (shown.moved || 1));
     }
     this.errors = head.paused ? this.errors : null;
     for (const shown of this.shown) {
       const bytes = new Uint8Array(buffer, begin, this.count);
       begin += bytes.byteLength;
       shown.shade = Float32Array.from(bytes, (x) => x / 255);
+      // What rests is grey: the dark end of the colours hides its form.
+      shown.rests = bytes.every((x) => x === 0);
+      shown.mode = shown.rests ? 0 : 1;
     }
     this.toolAt = head.tool;
     // Of several frames before a picture each may have an answer.
@@ -101,18 +112,42 @@ class Touch extends Stage {
   // Errors that were judged, until the bodies go on.
   judged(note) {
     this.errors = note.errors.length ? note : null;
-    if (this.errors) note.errors.forEach((text, k) => { this.shown[k].error = text && unpack(text, Float32Array).map((x) => x / (note.largest || 1)); });
+    if (this.errors) note.errors.forEach((text, k) => {
+      this.shown[k].error = text && unpack(text, Float32Array).map((x) => x / (note.largest || 1));
+      this.shown[k].mode = text || !this.shown[k].rests ? 1 : 0;
+    });
     this.draw();
   }
 
   stateOf(shown) { return { motion: shown.motion, shade: this.errors && shown.error ? shown.error : shown.shade, fraction: 1, lineFraction: 1 }; }
 
-  // The tool, and where the anchor of a grip is, in every view.
-  drawBeside() {
+  paintBody(shown) {
+    const gl = this.gl, { middle, way, radius } = this.caster;
+    if (this.toolAt) {
+      gl.uniform3f(this.uniform.caster, ...this.seen(add(this.toolAt, middle)));
+      gl.uniform3f(this.uniform.casterWay, ...this.seen(way));
+    }
+    gl.uniform1f(this.uniform.casterRadius, this.toolAt ? radius : 0);
+    super.paintBody(shown);
+    gl.uniform1f(this.uniform.casterRadius, 0);
+  }
+
+  // A vector by right, up and towards the eye.
+  seen(vector) { return this.axes().map((axis) => axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2]); }
+
+  // The tool, where the anchor of a grip is, and what the body was at rest, in every view.
+  drawBeside(shown) {
     if (!this.toolAt) return;
     this.drawSolid(this.tool, this.tool.points.map((x, k) => x + this.toolAt[k % 3]), [...this.steel, 1]);
     const held = this.head.grip && this.grip ? 3 * this.grip.point : -1;
     if (held >= 0) this.drawSolid(this.anchor, this.anchor.points.map((x, k) => x + this.points[held + k % 3] + this.head.grip[k % 3]), RED);
+    if (shown.moved > 0.01 * this.radius) {
+      const gl = this.gl;
+      gl.enable(gl.POLYGON_OFFSET_FILL); // behind the body where that is where it was
+      gl.polygonOffset(2, 4);
+      this.drawSolid({ ...this.ghost, plain: shown.ghost }, this.points, [...this.steel, 0.5], 3);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
+    }
     this.fill("rest", this.points);
   }
 
@@ -246,6 +281,16 @@ class Touch extends Stage {
   }
 }
 
+// A capsule about points: along the longest side of their box, as thick as the other two are wide.
+function capsuleAbout(points) {
+  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  points.forEach((x, k) => { low[k % 3] = Math.min(low[k % 3], x); high[k % 3] = Math.max(high[k % 3], x); });
+  const sides = high.map((x, k) => x - low[k]), long = sides.indexOf(Math.max(...sides));
+  const radius = 0.25 * (sides[0] + sides[1] + sides[2] - sides[long]), half = Math.max(0, 0.5 * sides[long] - radius);
+  const middle = low.map((x, k) => 0.5 * (x + high[k]) - (k === long ? half : 0));
+  return { radius, middle, way: [0, 1, 2].map((k) => (k === long ? 2 * half : 0)) };
+}
+
 // Force over the last ten seconds of the bodies' time, a line for each pane.
 class Chart {
   constructor(canvas) { this.canvas = canvas; this.rows = []; }
@@ -333,16 +378,42 @@ class Page {
       // An answer that was not found takes nothing from the one before it.
       if (note.errors.length) this.stage.judged(note);
       $("judge").disabled = note.more;
-      $("progress").textContent = "";
+      this.progress(null);
       this.say(note.text);
+      this.answer(note);
       if (note.errors.length) this.stage.views.forEach((view, k) => {
         view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]} against the ${note.against}`;
         view.querySelector(".most").textContent = note.errors[k] ? `error ${digits(note.largest)} mm` : "no reference";
       });
-      if (note.errors.length) document.body.dataset.verdicts = note.verdicts.join(" ");
+      if (note.errors.length) { $("quantity").textContent = note.colour; document.body.dataset.verdicts = note.verdicts.join(" "); }
       if (!note.more) document.body.dataset.judged = note.verdicts.join(" ") || "none";
-    } else if (note.kind === "progress") $("progress").textContent = note.text;
+    } else if (note.kind === "progress") this.progress(note);
     else if (note.kind === "note" || note.kind === "refused") this.say(note.text, note.verdict);
+  }
+
+  // How far a judgement has come, in words and as a part of the longest wait.
+  progress(note) {
+    $("progress").hidden = !note;
+    if (!note) return;
+    $("doing").textContent = note.text;
+    $("share").value = note.share;
+    $("percent").textContent = `${(100 * note.share).toFixed(0)} %`;
+  }
+
+  // The answer to a question beside the buttons, for each body.
+  answer(note) {
+    if (!note.question) return;
+    const box = document.createElement("div"), asked = document.createElement("h2");
+    asked.textContent = note.question;
+    box.append(asked);
+    for (const { name, verdict, words } of note.rows.length ? note.rows : [{ name: "", verdict: "inconclusive", words: note.text }]) {
+      const line = document.createElement("p"), what = document.createElement("b");
+      line.className = verdict;
+      what.textContent = name ? `${name}: ${verdict}` : "not known";
+      line.append(what, ` ${words}`);
+      box.append(line);
+    }
+    $("verdicts").append(box);
   }
 
   say(text, verdict) {
@@ -393,7 +464,7 @@ class Page {
       this.stage.views[k].querySelector(".force").textContent = `${sizes[k].toFixed(3)} N`;
     });
     this.chart.paint();
-    $("quantity").textContent = this.stage.errors ? "colour: error of displacement" : `colour: ${QUANTITIES[head.colour]}`;
+    $("quantity").textContent = this.stage.errors ? this.stage.errors.colour : `colour: ${QUANTITIES[head.colour]}`;
     const slow = head.pace < 0.9 && !head.paused;
     $("pace").classList.toggle("slow", slow);
     $("factor").textContent = `${head.factor.toFixed(2)}${slow ? `; slower than real time: ${head.pace.toFixed(2)}` : ""}`;
@@ -421,7 +492,7 @@ class Page {
       if (on) { stage.goal = [...stage.start]; stage.grip = null; }
       send({ kind: "record", on });
     };
-    $("judge").onclick = () => { $("judge").disabled = true; delete document.body.dataset.judged; delete document.body.dataset.verdicts; send({ kind: "judge" }); };
+    $("judge").onclick = () => { $("judge").disabled = true; $("verdicts").replaceChildren(); delete document.body.dataset.judged; delete document.body.dataset.verdicts; send({ kind: "judge" }); };
     document.addEventListener("keydown", (e) => {
       if (e.target instanceof HTMLSelectElement || e.target instanceof HTMLInputElement) return;
       const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("drag"), 3: () => stage.setMode("turn"),
@@ -432,6 +503,9 @@ class Page {
   }
 
   reset() {
+    $("verdicts").replaceChildren();
+    $("judge").disabled = false;
+    this.progress(null);
     this.stage.grip = null;
     this.stage.goal = [...this.stage.start];
     this.send({ kind: "reset" });
