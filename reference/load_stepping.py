@@ -13,7 +13,7 @@ from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.newton import Newton, Outcome
 
 # The largest load with an equilibrium is found to this fraction of the full load.
-_SMALLEST_STEP = 1.0 / 1024.0
+SMALLEST_STEP = 1.0 / 1024.0
 # A first step whose linear solution has a larger gradient might jump to another branch.
 _LARGEST_FIRST_GRADIENT = 0.5
 _FEW_ITERATIONS = 6
@@ -60,14 +60,16 @@ def follow(
     name: str = "load",
     few_iterations: int = _FEW_ITERATIONS,
     largest_step: float = 1.0,
+    smallest_step: float = SMALLEST_STEP,
     progress: Progress,
 ) -> Outcome:
     """Go from 0 to 1; halve the step where Newton fails, double it where it converges fast.
 
     Each step starts from the last equilibrium, or from the extrapolation of the last two where
     that inverts no cell; the first from `guess` [m], if there is one, or from the equilibrium
-    `start` at 0. Steps of the parameter, called `name` in the log, are in (0, 1]; one with at most
-    `few_iterations` linear solves converged fast.
+    `start` at 0. Steps of the parameter, called `name` in the log, are in (0, 1], and where they
+    would be below the smallest the path ends; one with at most `few_iterations` linear solves
+    converged fast.
     """
     path: list[tuple[float, Floats]] = [(0.0, start)]
     reached: list[float] = []
@@ -106,7 +108,7 @@ def follow(
             continue
         step = (target - last) / 2.0
         progress(f"{name} {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")
-        if step < _SMALLEST_STEP:
+        if step < smallest_step:
             return Outcome(path[-1][1], residual, iterations, reason, tuple(reached))
     return Outcome(path[-1][1], residual, iterations, "", tuple(reached))
 
@@ -122,6 +124,6 @@ def _first_step(
         return 1.0, linear, 1
     gradient = sampler.largest_gradient(linear)
     step = 1.0 if gradient <= _LARGEST_FIRST_GRADIENT else _LARGEST_FIRST_GRADIENT / gradient
-    step = max(step, 2.0 * _SMALLEST_STEP)
+    step = max(step, 2.0 * SMALLEST_STEP)
     start = step * linear
     return step, (start if sampler.smallest(start) > 0.0 else None), 1

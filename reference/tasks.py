@@ -79,6 +79,7 @@ class AdaptiveTask(Task[AdaptiveResult]):
     strain: Strain = Strain.GREEN
     degree: int = 2
     formulation: Formulation = Formulation.DISPLACEMENT
+    relative_tolerance: float = 1e-10
     start: Points | None = None
 
     function = "adaptivity.adaptive:solve_adaptively"

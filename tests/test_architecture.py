@@ -251,7 +251,7 @@ LINES = {
         10750,
         "issue 35: contact over facets; issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
-        "degree 2 to 1",
+        "degree 2 to 1; issue 38: the way of a tool to a pose that is held",
     ),
     "validation": (
         50470,
@@ -297,7 +297,7 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3240,
+        3250,
         "issue 34: how the page is opened, and what recordings may not replace; "
         "issue 38: poses are brought to rest, answers in words beside the buttons",
     ),

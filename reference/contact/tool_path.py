@@ -20,7 +20,7 @@ from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape, Surfa
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.load_stepping import follow
+from palpate.reference.load_stepping import SMALLEST_STEP, follow
 from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import ToolHistory, Vector
 
@@ -38,6 +38,9 @@ _FIRST_RESIDUAL, _PART_OF_CHANGE = 0.1, 0.01
 # than one step; where they are not, the usual one finds them.
 _SOFTER, _STIFFER = (0.1, 1.0, 1.0, 1.0), (100.0, 1.0)
 _ROUGHLY = 1e-3
+# Where equilibria are asked for less exactly than this, the end of the path that can be borne is
+# found to the second: to the first it takes hundreds of iterations.
+_EXACT, _ROUGH_STEP = 1e-8, 1.0 / 64.0
 # A node is assumed to enter a box on a straight line: steps are short, in units of facet size.
 _REACH_OF_BOXES = 0.05
 # In long steps a node would pass through a round tool, or far round it: in units of its radius.
@@ -67,10 +70,20 @@ class _Stretch:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
             contact.go_back()
-        # Before the end of the path the penalty alone is nearly accurate enough.
         all_of_it = OVER_NEWTON * self._newton.relative_tolerance
-        carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
-        return settle(self._newton, self._contacts, start, carried, report=report)
+        if parameter == 1.0:
+            return settle(self._newton, self._contacts, start, all_of_it, report=report)
+        # Before the end of the path the penalty alone is nearly accurate enough, and the residual
+        # of a state from which nothing but the next one begins.
+        forgets = all(contact.forgets_its_way for contact in self._contacts)
+        return settle(
+            self._newton,
+            self._contacts,
+            start,
+            _CARRIED_ON_THE_WAY,
+            enough=_ROUGHLY if forgets else 0.0,
+            report=report,
+        )
 
     def is_stable(self, displacement: Floats, parameter: float) -> bool:
         for contact in self._contacts:
@@ -89,13 +102,17 @@ def settle(
     start: Floats,
     carried: float,
     *,
+    enough: float = 0.0,
     report: Report | None = None,
 ) -> Outcome:
-    """Find the equilibrium with the tools at their present poses: Newton inside, Uzawa outside."""
+    """Find the equilibrium with the tools at their present poses: Newton inside, Uzawa outside.
+
+    The last relative residual is at most that of `newton` or, where larger, `enough`.
+    """
     u, iterations = start, 0
     is_loose = all(contact.is_averaged for contact in contacts) and bool(contacts)
-    tolerance = _FIRST_RESIDUAL if is_loose else 0.0
-    enough = max(newton.relative_tolerance, _PART_OF_CHANGE * carried)
+    tolerance = max(_FIRST_RESIDUAL if is_loose else 0.0, enough)
+    enough = max(newton.relative_tolerance, _PART_OF_CHANGE * carried, enough)
     outcome = newton.solve(u, 1.0, report=report, least_tolerance=tolerance)
     for _ in range(_MOST_UZAWA_STEPS):
         iterations += outcome.iterations
@@ -161,6 +178,7 @@ def follow_tools(
             name=f"tools from {before:g} to {knot:g},",
             few_iterations=_FEW_ITERATIONS,
             largest_step=_largest_step(contacts, before, knot),
+            smallest_step=SMALLEST_STEP if newton.relative_tolerance <= _EXACT else _ROUGH_STEP,
             progress=progress,
         )
         u, reason, residual = path.displacement, path.reason, path.relative_residual

@@ -38,6 +38,8 @@ _IN_WORDS = tuple(
         (r"no equilibrium on", "trying another mesh"),
     )
 )
+# Why a step of the tool was not taken, which is said where no more comes of it in time.
+_BACK = re.compile(r"^tools? .* (?P<part>[0-9.]+): (?P<reason>[^;]+); back to")
 # The shortest time between two reports of progress [s].
 _BREATH = 0.5
 
@@ -56,7 +58,7 @@ class Judging(threading.Thread):
         self._case, self._pose, self._say = case, pose, say
         self._process: subprocess.Popen[Any] | None = None
         self._is_over = self._is_late = False
-        self._since = time.monotonic()
+        self._since, self._obstacle = time.monotonic(), ""
         self._waits_for: str | None = SAME_MESH
         self._timer = threading.Timer(0.0, self._give_up)
 
@@ -83,6 +85,9 @@ class Judging(threading.Thread):
             self._wait_for(SAME_MESH)
             last = 0.0
             for line in process.stdout:
+                if back := _BACK.match(line):
+                    part, reason = float(back["part"]), back["reason"]
+                    self._obstacle = f"; at {part:.0%} of the tool's way {reason}"
                 if line.startswith("{"):
                     self._pass_on(json.loads(line))
                 elif time.monotonic() - last > _BREATH:
@@ -97,7 +102,8 @@ class Judging(threading.Thread):
             return
         if self._is_late:
             limit = LIMITS[self._waits_for]
-            self._end(f"{_CALLED[self._waits_for]} was not found within {limit:g} s{self._stands}")
+            called = _CALLED[self._waits_for]
+            self._end(f"{called} was not found within {limit:g} s{self._obstacle}{self._stands}")
         else:
             said = trouble[-1].strip() if trouble else f"the solver ended with {code}"
             self._end(f"{_CALLED[self._waits_for]} was not found: {said}{self._stands}")

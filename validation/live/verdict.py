@@ -56,6 +56,8 @@ _COLOUR = {
 }
 # Time budget of the reference: it ends before the page stops waiting [s].
 _SECONDS = 120.0
+# Relative residual of its equilibria: far less than its bars of a hundredth.
+_RESIDUAL = 1e-6
 # Time budget of the bar's geometry part, for bodies that have one [s].
 _OF_GEOMETRY = 40.0
 # The colours of errors end at this part of the largest displacement or beyond.
@@ -119,7 +121,9 @@ def true_references(
     found = solve_live(
         case.problem,
         progress,
-        request=replace(request, seconds=min(request.seconds, _SECONDS), start=start),
+        request=replace(
+            request, seconds=min(request.seconds, _SECONDS), start=start, residual=_RESIDUAL
+        ),
         has_stress=False,
         strains=(Strain.GREEN,),
         known=known.states,

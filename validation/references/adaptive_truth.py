@@ -48,6 +48,7 @@ class TruthRequest:
         parts: Pairs of a metric and the part of the body it is asked in, by strain measure, with
             bars as small.
         start: See `solve_adaptively`.
+        residual: Relative residual of the equilibria [-].
     """
 
     bar: float = 0.005
@@ -57,6 +58,7 @@ class TruthRequest:
     unknowns: float = math.inf
     parts: Mapping[Strain, Sequence[tuple[str, Part]]] = field(default_factory=dict)
     start: Points | None = None
+    residual: float = 1e-10
 
     def tolerance(self, metric: str, strain: Strain) -> float:
         """The bar asked of a metric; where nothing is checked, twice that of displacement."""
@@ -128,6 +130,7 @@ def refine_truth(
         strain,
         DEGREE,
         formulation_for(problem, DEGREE),
+        relative_tolerance=request.residual,
         start=request.start,
     )
     # The budget is respected by not beginning; what was begun is not cut off.

@@ -119,6 +119,43 @@ def test_tangent_is_symmetric_and_the_derivative(box):
     np.testing.assert_allclose(tangent @ du, slope, atol=1e-7 * np.abs(slope).max())
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_far_from_equilibrium_the_tangent_of_a_round_tool_is_definite(box, degree):
+    """A step puts nodes deep into a ball, whose curvature then pulls them round it."""
+    mesh = box((4, 4, 3), jitter=0.1)
+    problem = Problem(
+        mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(pressed(SphereShape(0.9), (1.6,)),)
+    )
+    lowest = {}
+    for is_near in (True, False):
+        eq = DiscreteProblem(problem, strain=Strain.GREEN, degree=degree)
+        (contact,) = eq.contacts
+        contact.is_near = is_near
+        dense = eq.tangent(np.zeros(eq.num_dofs), 1.0).convert("dense").getDenseArray()
+        free = np.setdiff1d(np.arange(eq.num_dofs), eq.fixed.dofs)
+        lowest[is_near] = np.linalg.eigvalsh(np.array(dense)[np.ix_(free, free)])[0]
+    assert lowest[True] < 0.0 < lowest[False]
+
+
+def test_a_tool_that_goes_through_ends_its_way_sooner_where_less_is_asked(box):
+    """As exact where it can; and of where it cannot only so much is found out."""
+    mesh = box((4, 4, 2), jitter=0.05)
+    deep = pressed(SphereShape(0.6), (1.6, 1.1))
+    gentle = pressed(SphereShape(0.6), (1.6, 1.5))
+    exact = solve(mesh, gentle, degree=2)
+    rough = solve(mesh, gentle, degree=2, relative_tolerance=1e-6)
+    np.testing.assert_allclose(rough.displacement, exact.displacement, rtol=0.0, atol=1e-6)
+    reached, tried = [], []
+    for tolerance in (1e-10, 1e-6):
+        lines: list[str] = []
+        with pytest.raises(ReferenceNotConvergedError) as caught:
+            solve(mesh, deep, relative_tolerance=tolerance, progress=lines.append)
+        reached.append(caught.value.load_factor)
+        tried.append(len(lines))
+    assert 0.75 * reached[0] < reached[1] <= reached[0] + 1e-9
+    assert tried[1] < 0.8 * tried[0]
+
+
 def test_the_derivative_of_the_force_along_a_direction(box):
     mesh = box((3, 3, 3), jitter=0.2)
     tool = pressed(SphereShape(0.5), (1.4,))

@@ -82,6 +82,15 @@ def test_a_truth_that_is_not_found_in_time_leaves_the_verdict_on_the_same_mesh(
     )
 
 
+def test_what_stood_in_the_way_is_said_when_the_time_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = "tools from 0 to 1, 0.9610: a cell would invert; back to 0.8829, step 0.0390"
+    later = f"print({line!r}, flush=True); time.sleep(600)"
+    _, last = judged(later, tmp_path, monkeypatch, limit=0.5)
+    assert "within 0.5 s; at 96% of the tool's way a cell would invert;" in last["text"]
+
+
 def test_a_missing_truth_is_reported_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
