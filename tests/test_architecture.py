@@ -268,8 +268,8 @@ LINES = {
         "lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
-        "issue 38: first screen of a report, the live page in two browsers; issue 39: known results "
-        "of contact, motion and inflation; issue 40: stand-ins for FEBio and SOFA",
+        "issue 38: first screen of a report, the live page in two browsers; issue 39: known "
+        "results of contact, motion and inflation; issue 40: stand-ins for FEBio and SOFA",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (

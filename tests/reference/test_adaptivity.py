@@ -215,7 +215,9 @@ def test_the_bar_of_a_tool_s_force_holds_against_a_much_finer_truth(box, strain,
     def solve(bar):
         return solve_adaptively(problem, [Goal(Quantity.TOOL_FORCE, bar)], strain=strain)
 
-    found, finer = solve(bar), solve(bar / 4.0)
+    found = solve(bar)
+    # The least number of meshes may have met more than was asked.
+    finer = solve(found.bar("tool_force") / 4.0)
     assert found.ended == finer.ended == "every bar is met"
     assert finer.num_unknowns[-1] > 2.0 * found.num_unknowns[-1]
     apart = apart_in(Quantity.TOOL_FORCE, mesh, finer, found)
