@@ -29,7 +29,7 @@ _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
 _COMMON = "saint-venant-kirchhoff"
 # A factor on stable steps for a stiffness that grows: Green strain stiffens under stretch.
 SAFETY = 0.6
-# Steps to rest in which supports are moved to their positions.
+# Steps to rest in which supports and tools are moved to their positions.
 RISE = 2000
 
 
@@ -42,7 +42,8 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         statics: The class `Static` of an adapter, None where it has none. It has `tool`, a name for
             people, and may have `law`, if that is not the case's; `laws`, those for finite
             strain that it takes from a case, if there are others than Saint-Venant-Kirchhoff;
-            and `takes`, names of what it takes and others refuse.
+            `takes`, names of what it takes and others refuse; and `shapes`, kinds of the tools
+            that it takes: its job has `tools` as case.json describes them, if there are any.
         motion: The class `Motion`, for motions, None where it has none. Its job also has
             `output_times` [s] and the case's `time_step`, `mass_damping` and `stiffness_damping`.
     """
@@ -66,7 +67,7 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         "statics": not span and statics is None,
         "loads or supports that change in time": is_stepped and changes,
         "stiffness damping": is_stepped and span["stiffness_damping"] > 0.0,
-        "tools": given["tools"],
+        "tools": given["tools"] and not getattr(adapter, "shapes", ()),
         "springs": given["springs"],
         "masses in motion": span and given["masses"],
         "follower pressure": len(job["pressure"]),
@@ -76,6 +77,8 @@ def solve_case(statics: Any, motion: Any = None) -> None:
     left = [name for name in has if has[name] and name not in getattr(adapter, "takes", ())]
     if left:
         refuse(f"{', '.join(left)}: not handed to this simulator here")
+    if given["tools"]:
+        job["tools"] = _known_tools(given["tools"], adapter)
     job["law"] = given["material"].get("law", _COMMON) if given["strain"] == "green" else _COMMON
     known = getattr(adapter, "laws", (_COMMON,))
     if job["law"] not in known:
@@ -98,6 +101,26 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         **says,
     }
     np.savez(result, **simulator.result, case_key=given["case_key"], about=json.dumps(about))
+
+
+def _known_tools(tools: list[dict[str, Any]], adapter: Any) -> list[dict[str, Any]]:
+    """The tools, where the adapter knows each of them; else the case is refused."""
+    for number, tool in enumerate(tools, start=1):
+        kind = tool["shape"]["kind"]
+        why = {
+            f"shape {kind}, only {', '.join(adapter.shapes)}": kind not in adapter.shapes,
+            "friction": tool["friction_coefficient"] > 0.0,
+            "a drive in the place of a path": tool["drive"] is not None,
+        }
+        if left := [name for name in why if why[name]]:
+            refuse(f"tool {number}: {'; '.join(left)}: not handed to {adapter.tool} here")
+    return tools
+
+
+def place_of(tool: dict[str, Any], time: float) -> Any:
+    """Position of a tool's origin at a time of its path [m], (3,)."""
+    times, positions = np.array(tool["path"]["times"]), np.array(tool["path"]["positions"])
+    return np.array([np.interp(time, times, column) for column in positions.T])
 
 
 def main() -> None:
@@ -210,9 +233,11 @@ def require_fixed_points(job: dict[str, Any]) -> None:
 
 
 def force_scale(job: dict[str, Any]) -> float:
-    """The scale of a residual [N]: the load, or about the force that a moved support needs."""
+    """The scale of a residual [N]: the load, or about what a moved support or a tool needs."""
     load = float(np.linalg.norm(np.where(job["fixed"], 0.0, job["external_force"])))
     moved = float(np.abs(job["prescribed_displacement"]).max())
+    ways = [np.ptp(tool["path"]["positions"], axis=0).max() for tool in job.get("tools", ())]
+    moved = max(moved, *ways) if ways else moved
     size = float(np.ptp(job["points"], axis=0).max())
     return load or float(job["youngs_modulus"][0]) * moved * size
 
@@ -305,7 +330,7 @@ class Stepped(ABC):
 
     @abstractmethod
     def step(self, part: float = 1.0) -> None:
-        """Take a step, with supports at this fraction of their displacement."""
+        """Take a step, with supports and tools at this fraction of their displacement."""
 
     @abstractmethod
     def velocity(self) -> Any:
@@ -321,7 +346,8 @@ class Stepped(ABC):
         return {**says, "time_step": self.time_step, **self.about}
 
     def _come_to_rest(self) -> dict[str, Any]:
-        rise = RISE if self.job["prescribed_displacement"].any() else 0
+        is_moved = self.job["prescribed_displacement"].any() or "tools" in self.job
+        rise = RISE if is_moved else 0
         fractions = iter(np.linspace(0.0, 1.0, rise))
 
         def relaxed(tolerance: float, most: int) -> tuple[int, float]:

@@ -25,8 +25,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from harness import Stepped, gravity_of, require_fixed_points, solve_case, stable_step
+from harness import Stepped, gravity_of, place_of, require_fixed_points, solve_case, stable_step
 
+_OFF = 'contact="disable" constraint="disable"'
+_SOLVER = 'solver="Newton" tolerance="1e-14" ccd_tolerance="1e-10" ccd_iterations="100" '
+# Impedance 0.9999 (mjMAXIMP) at every depth: what a body at rest sinks in is 1e-4 of what the
+# force would move the points in a time constant.
+_STIFFEST = "0.9999 0.9999 0.001 0.5 2"
 LARGEST = 100_000  # cells; with more, compiling the model does not end
 
 
@@ -45,20 +50,28 @@ class Flex:
         def text(values: Any) -> str:
             return " ".join(f"{v:.17g}" for v in np.ravel(values))
 
+        def ball(tool: dict[str, Any]) -> str:
+            size = f'size="{tool["shape"]["radius"]:.17g}" contype="1" condim="1"'
+            contact = f'solref="{2.0 * time_step:.17g} 1" solimp="{_STIFFEST}"'
+            return f'<body mocap="true"><geom type="sphere" {size} {contact}/></body>'
+
+        tools = job.get("tools", ())
+
         pinned = job["fixed"].all(axis=1) & ~job["prescribed_displacement"].any(axis=1)
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco>
             <option timestep="{time_step:.17g}" gravity="{text(gravity)}">
-              <flag contact="disable" constraint="disable" autoreset="disable"/></option>
+              {_SOLVER if tools else ""}<flag {"" if tools else _OFF} autoreset="disable"/></option>
             <size memory="2G"/>
-            <worldbody><body name="turned" quat="{text(quaternion)}">
+            <worldbody>{"".join(map(ball, tools))}<body name="turned" quat="{text(quaternion)}">
               <flexcomp name="body" type="direct" dim="3" radius="1e-6"
                 mass="{job["lumped_mass"].sum():.17g}"
                 point="{text(points)}" element="{" ".join(map(str, cells.ravel()))}">
               <elasticity young="{job["youngs_modulus"][0]:.17g}"
                 poisson="{job["poissons_ratio"][0]:.17g}"
                 damping="{job.get("stiffness_damping", 0)}"/>
-              <contact selfcollide="none" contype="0" conaffinity="0"/>
+              <contact selfcollide="none" contype="0" conaffinity="{int(bool(tools))}" condim="1"
+                solref="{2.0 * time_step:.17g} 1" solimp="{_STIFFEST}"/>
               <pin id="{text(np.flatnonzero(pinned))}"/></flexcomp></body></worldbody></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
@@ -135,12 +148,12 @@ class Steps(Flex):
 class Loaded(Flex, Stepped):  # type: ignore[misc]
     """A flex with forces on its free points, and with fixed components among them."""
 
-    takes = ("stiffness damping",)
+    takes, shapes = ("stiffness damping",), ("SphereShape",)
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
-        if "turned" in job:
+        if "turned" in job or "tools" in job:
             require_fixed_points(job)  # components are those of the turned body
         self.job = job
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
@@ -161,9 +174,37 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
     def step(self, part: float = 1.0) -> None:
         """Take a step; components that are fixed, but not pinned, are put back."""
         self.model.opt.timestep = self.time_step
+        for number, tool in enumerate(self.job.get("tools", ())):
+            first, last = (tool["path"]["times"][k] for k in (0, -1))
+            self.data.mocap_pos[number] = place_of(tool, first + part * (last - first))
         mujoco.mj_step(self.model, self.data)
         self.data.qpos[self._fixed] = part * self._moved
         self.data.qvel[self._fixed] = 0.0
+
+    def advance(self, num_steps: int) -> dict[str, Any]:
+        """As others do, and what the contacts of each tool carry when all is at rest."""
+        says = super().advance(num_steps)
+        if "tools" not in self.job:
+            return says
+        mujoco.mj_forward(self.model, self.data)
+        contacts = self.data.contact
+        depth = max([0.0, *(-contacts.dist)])
+        return {**says, "tool_forces": self.tool_forces().tolist(), "penetration": depth}
+
+    def tool_forces(self) -> Any:
+        """Force on each tool [N], (num_tools, 3): the sum over its contacts, in the world's frame.
+
+        A contact's first axis goes from its first geom to its second, and what mj_contactForce
+        returns acts on the second.
+        """
+        forces, carried = np.zeros((len(self.job["tools"]), 3)), np.zeros(6)
+        for number in range(self.data.ncon):
+            contact = self.data.contact[number]
+            mujoco.mj_contactForce(self.model, self.data, number, carried)
+            on_second = contact.frame.reshape(3, 3).T @ carried[:3]
+            is_first = contact.geom[0] >= 0
+            forces[max(contact.geom)] += -on_second if is_first else on_second
+        return forces
 
     def velocity(self) -> Any:
         """Velocities of the free points' components."""
