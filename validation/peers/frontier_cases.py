@@ -86,8 +86,6 @@ def run_case(body: str, progress: Progress, leave_out: Progress) -> tuple[list[R
     rows = [
         _ours(body, problem, element, truth, progress) for element in Element for problem in meshed
     ]
-    if body == PRESS:
-        leave_out("press: no adapter of another simulator hands over tools")
     for setting, problem, command, law in _asked(body, meshed, leave_out):
         simulator = OutsideSimulator(command, TIME_LIMIT)
         try:
@@ -126,15 +124,18 @@ def _asked(
 ) -> Iterator[tuple[str, Problem, str, Law]]:
     """What others are asked: the setting, the problem, the command line and its law."""
     for peer in read_peers():
-        if body != STRIP or not peer.varies:
+        if not (peer.varies if body == STRIP else peer.takes_tools):
             continue
         command = peer.command_line()
         if command is None:
             leave_out(f"{body}, {peer.name}: {peer.why_missing()}")
             continue
-        if peer.varies == "substeps":
+        if body != STRIP or peer.varies == "substeps":
             for problem in meshed:
                 yield "", problem, command, peer.law
+        if body != STRIP:
+            continue
+        if peer.varies == "substeps":
             for number in _SUBSTEPS:
                 yield f"substeps {number}", meshed[1], f"{command} substeps={number}", peer.law
             continue

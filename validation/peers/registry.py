@@ -99,6 +99,7 @@ class Peer(_Model):
         on_board: Whether it is on the scoreboard.
         varies: What its adapter takes in motions beside meshes: "substeps", or "iterations" with a
             stated time step; "" where it is not in the motion of that study.
+        takes_tools: Whether its adapter hands over rigid tools.
         frontier: Its largest number of divisions in the study frontier; 0 leaves it out there.
         bench: The benchmarks that it is timed in.
     """
@@ -125,6 +126,7 @@ class Peer(_Model):
     is_outside: bool = True
     on_board: bool = True
     varies: Literal["", "substeps", "iterations"] = ""
+    takes_tools: bool = False
     frontier: int = 0
     bench: tuple[Timing, ...] = ()
 

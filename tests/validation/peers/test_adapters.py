@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Traction
 from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan, with_law
+from palpate.meshes.rigid_tool import BoxShape, RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
-from palpate.validation.candidates.outside import OutsideSimulator
+from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers.adapters import harness, nodes
 from palpate.validation.peers.registry import read_peers
@@ -61,14 +63,17 @@ STILL = {"drake-corotated"}
 MOTIONS = {"mujoco-flex": 0.3, "newton-semi-implicit": 0.05, "newton-vbd": 0.05}
 
 
-def solved_by(name: str, problem: Problem) -> tuple[State, Problem]:
-    """By a simulator of the registry, where it is installed, and the problem under its law."""
+def solved_by(name: str, problem: Problem, words: str = "") -> tuple[State, Problem]:
+    """By a simulator of the registry, where it is installed, and the problem under its law.
+
+    `words` go to the adapter.
+    """
     peer = next(peer for peer in read_peers() if peer.name == name)
     command = peer.command_line()
     if command is None:
         pytest.skip(f"{name}: {peer.why_missing()}")
     posed = with_law(problem, peer.law)
-    candidate = outside_candidate(OutsideSimulator(command, 120.0))
+    candidate = outside_candidate(OutsideSimulator(command + words, 120.0))
     return candidate.solve(posed, Strain.GREEN, in_silence), posed
 
 
@@ -117,6 +122,43 @@ def test_drakes_neo_hookean_is_that_of_other_constants(constants: str, is_asked:
         body = dataclasses.replace(body, material=other)
     expected = solve_static(body).displacement
     assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+def pressed(*tools: RigidTool) -> Problem:
+    """A slab of 0.3 x 0.2 x 0.2 m on a rigid base, under tools."""
+    base = support_of(side(FINER, 2, 0.0))
+    return Problem(FINER, TISSUE, (base,), (), tools=tools)
+
+
+FINER = brick_box((6, 4, 4), (0.3, 0.2, 0.2))
+DOWN = ToolPath([0.0, 1.0], [[0.16, 0.09, 0.5], [0.16, 0.09, 0.485]])
+BALL = RigidTool(SphereShape(0.3), DOWN)
+
+
+@pytest.mark.parametrize("words", ["", " turned=60"])
+def test_mujocos_contacts_carry_what_the_body_bears(words: str) -> None:
+    """The force on the ball is minus what the cells pull at all points that are not fixed."""
+    found, problem = solved_by("mujoco-flex", pressed(BALL), words)
+    assert found.tool_forces is not None
+    inner = Body(FINER, TISSUE).internal_force(found.displacement)  # balanced by what pushes
+    on_body = inner[FINER.points[:, 2] > 1e-9].sum(axis=0)
+    assert np.linalg.norm(on_body) > 1.0
+    np.testing.assert_allclose(found.tool_forces[0], -on_body, atol=1e-4)
+    # Contact is posed in another way than at vertices, on cells as coarse as its radius allows.
+    expected = solve_static(problem)
+    assert found.tool_forces[0, 2] == pytest.approx(expected.tools[0].forces[-1][2], rel=0.15)
+    assert 0.0 < float(str(found.says["penetration"])) < 1e-5 * 0.015
+
+
+def test_tools_that_an_adapter_does_not_know_are_refused_with_the_reason() -> None:
+    box = RigidTool(BoxShape((0.1, 0.1, 0.1)), DOWN)
+    rough = dataclasses.replace(BALL, friction_coefficient=0.3)
+    for tool, why in {box: "shape BoxShape, only SphereShape", rough: "friction"}.items():
+        with pytest.raises(CannotPoseError, match=f"tool 2: {why}"):
+            solved_by("mujoco-flex", pressed(BALL, tool))
+    in_motion = dataclasses.replace(pressed(BALL), time=TimeSpan(0.1, time_step=1e-3))
+    with pytest.raises(CannotPoseError, match="tools in motion: not handed"):
+        solved_by("mujoco-flex", in_motion)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -170,7 +212,6 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up() -> None:
 
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:
-    from palpate.fastsim.body import Body
     from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 
     materials = cell_materials(problem)

@@ -68,6 +68,7 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         "loads or supports that change in time": is_stepped and changes,
         "stiffness damping": is_stepped and span["stiffness_damping"] > 0.0,
         "tools": given["tools"] and not getattr(adapter, "shapes", ()),
+        "tools in motion": span and given["tools"] and getattr(adapter, "shapes", ()),
         "springs": given["springs"],
         "masses in motion": span and given["masses"],
         "follower pressure": len(job["pressure"]),
