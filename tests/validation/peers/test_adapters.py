@@ -17,7 +17,7 @@ from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan, with_law
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.candidates.candidate import outside_candidate
+from palpate.validation.candidates.candidate import fastsim_candidate, outside_candidate
 from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers.adapters import harness, nodes
@@ -132,7 +132,7 @@ def pressed(*tools: RigidTool) -> Problem:
 
 FINER = brick_box((6, 4, 4), (0.3, 0.2, 0.2))
 DOWN = ToolPath([0.0, 1.0], [[0.16, 0.09, 0.5], [0.16, 0.09, 0.485]])
-BALL = RigidTool(SphereShape(0.3), DOWN)
+BALL = RigidTool(SphereShape(0.3), DOWN, contact="facets")
 
 
 @pytest.mark.parametrize("words", ["", " turned=60"])
@@ -144,9 +144,10 @@ def test_mujocos_contacts_carry_what_the_body_bears(words: str) -> None:
     on_body = inner[FINER.points[:, 2] > 1e-9].sum(axis=0)
     assert np.linalg.norm(on_body) > 1.0
     np.testing.assert_allclose(found.tool_forces[0], -on_body, atol=1e-4)
-    # Contact is posed in another way than at vertices, on cells as coarse as its radius allows.
-    expected = solve_static(problem)
-    assert found.tool_forces[0, 2] == pytest.approx(expected.tools[0].forces[-1][2], rel=0.15)
+    # No point of a facet may be in the ball, where the average over facets lets some in: stiffer.
+    ours = fastsim_candidate().solve(problem, Strain.GREEN, in_silence).tool_forces
+    assert ours is not None
+    assert found.tool_forces[0, 2] == pytest.approx(ours[0, 2], rel=0.1)
     assert 0.0 < float(str(found.says["penetration"])) < 1e-5 * 0.015
 
 

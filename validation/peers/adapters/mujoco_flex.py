@@ -11,9 +11,9 @@ step: with a diagonal mass that is equivalent. Mass damping is that of the slide
 Euler integrator takes implicitly; stiffness damping is the flex's own, on the rate of its edges'
 squares, and so of Green strain. A flex spreads its mass evenly over its points.
 
-A ball without friction presses a body at rest: a sphere of a mocap body, led along its path. Contact
-is MuJoCo's own, soft and at the nearest point of each outer tetrahedron, with the impedance and time
-constant that let it sink in the least; `penetration` states by how much [m].
+A ball without friction presses a body at rest: a sphere of a mocap body, led along its path.
+Contact is MuJoCo's own, soft and at the nearest point of each outer tetrahedron, with the impedance
+and time constant that let it sink in the least; `penetration` states by how much [m].
 
 `turned=60` puts the flex into a body that is turned by 60 degrees about (1, 2, 2), and its points
 turned back in that body: the same problem. The joints then move along the axes of that body.
