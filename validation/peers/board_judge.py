@@ -9,6 +9,8 @@ displacement along the truth's, over that displacement; with signs they add up t
     step     of motions, at the time when that is: the reference on the same mesh by the scheme and
              step that the simulator states, less that in the case's steps; where it states none,
              what steps and solver add together. Where the case has no steps, in mesh
+    contact  in the place of solver, of a simulator whose contact with tools is its own, taken
+             elsewhere than the case says: what this way and the solver add together
 
 The difference between the simulator's law and the case's own is no error here; it is reported
 separately (`law_apart`).
@@ -37,7 +39,7 @@ from palpate.validation.peers.registry import Peer
 from palpate.validation.references.reference_set import QUADRATIC
 from palpate.validation.states import State, Verdict
 
-LAW, MESH, STEP, SOLVER = CAUSES = ("law", "mesh", "step", "solver")
+LAW, MESH, STEP, SOLVER, CONTACT = CAUSES = ("law", "mesh", "step", "solver", "contact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,8 @@ class Score:
         law_apart: Distance of the truths of `law` and of the case's own law.
         why: The reason where there is no distance.
         smallest_det_f: Smallest det F of the result [-].
+        tool_force: Largest error of the force on a tool, over the truth's; None without tools, and
+            infinite where the simulator does not state them.
     """
 
     run: Run
@@ -74,6 +78,7 @@ class Score:
     law_apart: float | None = None
     why: str = ""
     smallest_det_f: float | None = None
+    tool_force: float | None = None
 
 
 def judge_run(
@@ -116,6 +121,9 @@ def judge_run(
     if best is None:
         return dataclasses.replace(score, why=f"no truth: {truth.why or 'none is stored'}")
     found = measure(metric, case.problem, state, best)
+    if case.problem.tools:
+        force = float(measure("tool_force", case.problem, state, best).value)
+        score = dataclasses.replace(score, tool_force=force)
     bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
     causes, follows = _causes(case, entry, state, best, same, own_steps)
     return dataclasses.replace(
@@ -169,10 +177,13 @@ def _causes(
         found = followed_law(problem, strain, state.displacement, own)
         if found is not None:
             follows, own = found
+    is_own = entry.is_outside and any(
+        state.says.get("contact") != tool.contact for tool in problem.tools
+    )
     return {
         LAW: at(own) - at(same),
         MESH: at(same) - at(truth),
-        SOLVER: at(state) - at(own),
+        CONTACT if is_own else SOLVER: at(state) - at(own),
     }, follows
 
 

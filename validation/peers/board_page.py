@@ -16,7 +16,7 @@ from matplotlib.ticker import PercentFormatter
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.peers.bench import describe_machine
 from palpate.validation.peers.board import Board
-from palpate.validation.peers.board_judge import CAUSES, LAW, MESH, SOLVER, STEP, Score
+from palpate.validation.peers.board_judge import CAUSES, CONTACT, LAW, MESH, SOLVER, STEP, Score
 from palpate.validation.peers.board_runs import Status
 from palpate.validation.peers.registry import Peer
 from palpate.validation.quoting import for_json, for_markdown, visible
@@ -25,6 +25,7 @@ from palpate.validation.report.plots import (
     BLUE,
     GREY,
     OCHRE,
+    PURPLE,
     RED,
     figure_svg,
     plot_style,
@@ -42,7 +43,7 @@ _COLUMNS = {
     "metric": "", "distance": ".4g", "bar": ".4g", "limit": ".4g", "same_mesh": ".4g",
     **{f"error_{cause}": ".4g" for cause in CAUSES}, "follows": "", "law_apart": ".4g",
     "processor_seconds": ".4g", "wall_seconds": ".4g", "peak_memory_mb": ".4g",
-    "smallest_det_f": ".4g", "method": "", "why": "", "date": "", "cached": "",
+    "smallest_det_f": ".4g", "tool_force": ".4g", "method": "", "why": "", "date": "", "cached": "",
 }  # fmt: skip
 
 
@@ -114,7 +115,7 @@ def _row(entry: Peer, score: Score) -> Sequence[Any]:
         str(run.says.get("version", "")), score.metric, score.distance, score.bar, score.limit,
         score.same_mesh, *(score.causes.get(cause) for cause in CAUSES), score.follows,
         score.law_apart, stated(score, "seconds"), run.seconds or None,
-        stated(score, "peak_memory_mb"), score.smallest_det_f,
+        stated(score, "peak_memory_mb"), score.smallest_det_f, score.tool_force,
         visible(str(run.says.get("method", ""))), visible(score.why), run.date,
         run.is_cached,
     ]  # fmt: skip
@@ -234,7 +235,7 @@ def summary_markdown(board: Board) -> str:
     return "\n".join([*lines, *(["", f"{cached}."] if cached else [])]) + "\n"
 
 
-_COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY}
+_COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY, CONTACT: PURPLE}
 # Bars end here: beyond, a body is not where it should be at all; the table has the number.
 _MOST = 1.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import sys
@@ -25,7 +26,7 @@ from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import farthest_probe
 from palpate.validation.peers import adapters
 from palpate.validation.peers.board import compute_board
-from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, STEP, Score, judge_run
+from palpate.validation.peers.board_judge import CONTACT, LAW, MESH, SOLVER, STEP, Score, judge_run
 from palpate.validation.peers.board_page import reason, write_board
 from palpate.validation.peers.board_references import OwnSteps, Truth
 from palpate.validation.peers.board_runs import Run, Status
@@ -77,6 +78,12 @@ def board_of(folder, entries, cases, time_limit=60.0, processes=None):
     )
 
 
+def at_vertices(problem):
+    """The same with its tools' contact taken at vertices."""
+    tools = tuple(dataclasses.replace(tool, contact="vertices") for tool in problem.tools)
+    return dataclasses.replace(problem, tools=tools)
+
+
 def seeded(case, displacement):
     """What an solution adds to that of the same mesh, as the board reads it."""
     references = find_references(case, live=False, progress=in_silence)
@@ -92,6 +99,7 @@ def seeded(case, displacement):
         ("shear", LAW, lambda p: solve_static(with_law(p, Law.NEO_HOOKEAN))),
         ("cantilever", SOLVER, lambda p: relax(p, relative_tolerance=0.1)),
         ("cantilever", MESH, solve_static),
+        ("press", CONTACT, lambda p: solve_static(at_vertices(p))),
     ],
 )
 def test_a_seeded_error_lands_in_its_own_column(tmp_path, name, cause, solution) -> None:
@@ -104,10 +112,13 @@ def test_a_seeded_error_lands_in_its_own_column(tmp_path, name, cause, solution)
         assert score.causes[MESH] < -0.3
         assert abs(added) < 1e-6
     else:
-        assert abs(added) > 0.1
+        assert abs(added) > 0.03
         assert score.causes[cause] == pytest.approx(added, rel=0.1)
     assert (score.follows != "") == (cause == LAW)
-    for other in {LAW, SOLVER} - {cause}:
+    assert (SOLVER in score.causes) == (cause != CONTACT)
+    # A program that states no force on a tool has it wrong by any measure.
+    assert score.tool_force == (np.inf if cause == CONTACT else None)
+    for other in {LAW, SOLVER} & set(score.causes) - {cause}:
         assert abs(score.causes[other]) < 0.1 * max(abs(added), 1e-6)
     assert sum(score.causes.values()) == pytest.approx(added + score.causes[MESH], abs=1e-9)
 

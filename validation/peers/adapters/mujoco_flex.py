@@ -165,6 +165,8 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
         self.time_step = 0.5 * (np.hypot(longest, beta) - beta)
         super().__init__(job, self.time_step, np.zeros(3))
         self.inertia = mass[0] / self.time_step
+        if "tools" in job:
+            self.remark = "; contact at the nearest point of each outer tetrahedron"
         self._fixed = job["fixed"][self.free].ravel() == 1
         self._moved = job["prescribed_displacement"][self.free].ravel()[self._fixed]
         applied = (job["external_force"] @ self.turn)[self.free].ravel()
