@@ -10,7 +10,7 @@ displacement along the truth's, over that displacement; with signs they add up t
              step that the simulator states, less that in the case's steps; where it states none,
              what steps and solver add together. Where the case has no steps, in mesh
     contact  in the place of solver, of a simulator whose contact with tools is its own, taken
-             elsewhere than the case says: what this way and the solver add together
+             elsewhere than the case says: what this way, the steps and the solver add together
 
 The difference between the simulator's law and the case's own is no error here; it is reported
 separately (`law_apart`).
@@ -168,7 +168,10 @@ def _causes(
         return float(displacements[most] @ direction) / scale
 
     if problem.time is not None:
-        return _causes_of_motion(problem, at, state, truth, same, own_steps)
+        causes, follows = _causes_of_motion(problem, at, state, truth, same, own_steps)
+        if _has_own_contact(problem, entry, state):
+            causes[CONTACT] = causes.pop(STEP, 0.0) + causes.pop(SOLVER, 0.0)
+        return causes, follows
     if same is None:
         return {}, ""
     own, follows = same.displacement, ""
@@ -177,14 +180,17 @@ def _causes(
         found = followed_law(problem, strain, state.displacement, own)
         if found is not None:
             follows, own = found
-    is_own = entry.is_outside and any(
-        state.says.get("contact") != tool.contact for tool in problem.tools
-    )
     return {
         LAW: at(own) - at(same),
         MESH: at(same) - at(truth),
-        CONTACT if is_own else SOLVER: at(state) - at(own),
+        CONTACT if _has_own_contact(problem, entry, state) else SOLVER: at(state) - at(own),
     }, follows
+
+
+def _has_own_contact(problem: Problem, entry: Peer, state: State) -> bool:
+    """Whether a simulator of others does not state that contact is where the case says."""
+    rules = {tool.contact for tool in problem.tools}
+    return entry.is_outside and any(state.says.get("contact") != rule for rule in rules)
 
 
 def _is_free(problem: Problem) -> NDArray[np.bool_]:

@@ -68,7 +68,6 @@ def solve_case(statics: Any, motion: Any = None) -> None:
         "loads or supports that change in time": is_stepped and changes,
         "stiffness damping": is_stepped and span["stiffness_damping"] > 0.0,
         "tools": given["tools"] and not getattr(adapter, "shapes", ()),
-        "tools in motion": span and given["tools"] and getattr(adapter, "shapes", ()),
         "springs": given["springs"],
         "masses in motion": span and given["masses"],
         "follower pressure": len(job["pressure"]),
@@ -333,6 +332,9 @@ class Stepped(ABC):
     def step(self, part: float = 1.0) -> None:
         """Take a step, with supports and tools at this fraction of their displacement."""
 
+    def note_output(self) -> None:  # noqa: B027
+        """Called in motion at the end of each output's steps."""
+
     @abstractmethod
     def velocity(self) -> Any:
         """The array of velocities, which may be written to [m/s]."""
@@ -374,6 +376,7 @@ class Stepped(ABC):
         for _ in times[1:]:
             for _ in range(count):
                 self.step()
+            self.note_output()
             states.append(self.displacement())
             if not np.isfinite(states[-1]).all():
                 raise SystemExit(f"the motion blew up before output {len(states) - 1}")

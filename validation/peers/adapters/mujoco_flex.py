@@ -36,6 +36,7 @@ _SOLVER = 'solver="Newton" tolerance="1e-14" ccd_tolerance="1e-10"'
 # Impedance 0.9999 (mjMAXIMP) at every depth: what a body at rest sinks in is 1e-4 of what the
 # force would move the points in a time constant.
 _STIFFEST = "0.9999 0.9999 0.001 0.5 2"
+_IMMOVABLE = 1e5  # times the mass of a point; at 1e9 the solver loses digits
 LARGEST = 100_000  # cells; with more, compiling the model does not end
 
 
@@ -156,18 +157,22 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
-        if "turned" in job or "tools" in job:
+        if "turned" in job:
             require_fixed_points(job)  # components are those of the turned body
-        self.job = job
+        self.job, self._is_motion = job, "output_times" in job
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
         # Undamped motions take half of the stable step, for a law that stiffens.
         beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, mass)
         self.time_step = 0.5 * (np.hypot(longest, beta) - beta)
         super().__init__(job, self.time_step, np.zeros(3))
         self.inertia = mass[0] / self.time_step
+        self._carried: list[Any] = []  # by the tools, in each step since the last output
+        self._means = [np.zeros((len(job.get("tools", ())), 3))]
         if "tools" in job:
             self.remark = "; contact at the nearest point of each outer tetrahedron"
         self._fixed = job["fixed"][self.free].ravel() == 1
+        if "tools" in job:  # contact may not move them, either
+            self.model.dof_M0[self._fixed] = _IMMOVABLE * mass[0]
         self._moved = job["prescribed_displacement"][self.free].ravel()[self._fixed]
         applied = (job["external_force"] @ self.turn)[self.free].ravel()
         self.data.qfrc_applied[:] = np.where(self._fixed, 0.0, applied)
@@ -181,19 +186,31 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
         self.model.opt.timestep = self.time_step
         for number, tool in enumerate(self.job.get("tools", ())):
             first, last = (tool["path"]["times"][k] for k in (0, -1))
-            self.data.mocap_pos[number] = place_of(tool, first + part * (last - first))
+            then = self.data.time if self._is_motion else first + part * (last - first)
+            self.data.mocap_pos[number] = place_of(tool, then)
         mujoco.mj_step(self.model, self.data)
+        if self._is_motion and "tools" in self.job:
+            self._carried.append(self.tool_forces())
         self.data.qpos[self._fixed] = part * self._moved
         self.data.qvel[self._fixed] = 0.0
 
     def advance(self, num_steps: int) -> dict[str, Any]:
-        """As others do, and what the contacts of each tool carry when all is at rest."""
+        """As others do, and what the contacts of each tool carry: at rest, or means in motion."""
         says = super().advance(num_steps)
         if "tools" not in self.job:
             return says
         mujoco.mj_forward(self.model, self.data)
         depth = max([0.0, *(-self.data.contact.dist)])
-        return {**says, "tool_forces": self.tool_forces().tolist(), "penetration": depth}
+        forces = np.array(self._means) if self._is_motion else self.tool_forces()
+        if self._is_motion:
+            forces = forces.transpose(1, 0, 2)
+        return {**says, "tool_forces": forces.tolist(), "penetration": depth}
+
+    def note_output(self) -> None:
+        """Take the mean of what the tools bore since the output before."""
+        if self._carried:
+            self._means.append(np.mean(self._carried, axis=0))
+            self._carried.clear()
 
     def tool_forces(self) -> Any:
         """Force on each tool [N], (num_tools, 3): the sum over its contacts, in the world's frame.
