@@ -11,7 +11,7 @@ step: with a diagonal mass that is equivalent. Mass damping is that of the slide
 Euler integrator takes implicitly; stiffness damping is the flex's own, on the rate of its edges'
 squares, and so of Green strain. A flex spreads its mass evenly over its points.
 
-A ball without friction presses a body at rest: a sphere of a mocap body, led along its path.
+Tools are balls without friction: spheres of mocap bodies, led along their paths.
 Contact is MuJoCo's own, soft and at the nearest point of each outer tetrahedron, with the impedance
 and time constant that let it sink in the least; `penetration` states by how much [m].
 
