@@ -11,9 +11,8 @@ step: with a diagonal mass that is equivalent. Mass damping is that of the slide
 Euler integrator takes implicitly; stiffness damping is the flex's own, on the rate of its edges'
 squares, and so of Green strain. A flex spreads its mass evenly over its points.
 
-Tools are balls without friction: spheres of mocap bodies, led along their paths.
-Contact is MuJoCo's own, soft and at the nearest point of each outer tetrahedron, with the impedance
-and time constant that let it sink in the least; `penetration` states by how much [m].
+Tools are balls without friction (mujoco_balls.py). Contact is MuJoCo's own, soft and at the nearest
+point of each outer tetrahedron; `penetration` states by how much a ball sinks in [m].
 
 `turned=60` puts the flex into a body that is turned by 60 degrees about (1, 2, 2), and its points
 turned back in that body: the same problem. The joints then move along the axes of that body.
@@ -29,14 +28,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from harness import Stepped, gravity_of, place_of, require_fixed_points, solve_case, stable_step
+from harness import Stepped, gravity_of, require_fixed_points, solve_case, stable_step
+from mujoco_balls import OFF, SOLVER, Balls, balls, contact
 
-_OFF = 'contact="disable" constraint="disable"'
-_SOLVER = 'solver="Newton" tolerance="1e-14" ccd_tolerance="1e-10"'
-# Impedance 0.9999 (mjMAXIMP) at every depth: what a body at rest sinks in is 1e-4 of what the
-# force would move the points in a time constant.
-_STIFFEST = "0.9999 0.9999 0.001 0.5 2"
-_IMMOVABLE = 1e5  # times the mass of a point; at 1e9 the solver loses digits
 LARGEST = 100_000  # cells; with more, compiling the model does not end
 
 
@@ -55,27 +49,22 @@ class Flex:
         def text(values: Any) -> str:
             return " ".join(f"{v:.17g}" for v in np.ravel(values))
 
-        contact = f'condim="1" solref="{2.0 * time_step:.17g} 1" solimp="{_STIFFEST}"'
-
-        def ball(tool: dict[str, Any]) -> str:
-            size = f'type="sphere" size="{tool["shape"]["radius"]:.17g}"'
-            return f'<body mocap="true"><geom {size} {contact}/></body>'
-
         tools = job.get("tools", ())
+        touches = f'conaffinity="{len(tools[:1])}"'
         pinned = job["fixed"].all(axis=1) & ~job["prescribed_displacement"].any(axis=1)
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco>
-            <option timestep="{time_step:.17g}" gravity="{text(gravity)}" {_SOLVER}>
-              <flag {"" if tools else _OFF} autoreset="disable"/></option>
+            <option timestep="{time_step:.17g}" gravity="{text(gravity)}" {SOLVER}>
+              <flag {"" if tools else OFF} autoreset="disable"/></option>
             <size memory="2G"/>
-            <worldbody>{"".join(map(ball, tools))}<body name="turned" quat="{text(quaternion)}">
+            <worldbody>{balls(tools, time_step)}<body name="turned" quat="{text(quaternion)}">
               <flexcomp name="body" type="direct" dim="3" radius="1e-6"
                 mass="{job["lumped_mass"].sum():.17g}"
                 point="{text(points)}" element="{" ".join(map(str, cells.ravel()))}">
               <elasticity young="{job["youngs_modulus"][0]:.17g}"
                 poisson="{job["poissons_ratio"][0]:.17g}"
                 damping="{job.get("stiffness_damping", 0)}"/>
-              <contact selfcollide="none" contype="0" conaffinity="{len(tools[:1])}" {contact}/>
+              <contact selfcollide="none" contype="0" {touches} {contact(time_step)}/>
               <pin id="{text(np.flatnonzero(pinned))}"/></flexcomp></body></worldbody></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
@@ -159,20 +148,18 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
             raise ValueError("a flex knows Green strain only")
         if "turned" in job:
             require_fixed_points(job)  # components are those of the turned body
-        self.job, self._is_motion = job, "output_times" in job
+        self.job = job
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
         # Undamped motions take half of the stable step, for a law that stiffens.
         beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, mass)
         self.time_step = 0.5 * (np.hypot(longest, beta) - beta)
         super().__init__(job, self.time_step, np.zeros(3))
         self.inertia = mass[0] / self.time_step
-        self._carried: list[Any] = []  # by the tools, in each step since the last output
-        self._means = [np.zeros((len(job.get("tools", ())), 3))]
+        self._fixed = job["fixed"][self.free].ravel() == 1
+        self.balls = None
         if "tools" in job:
             self.remark = "; contact at the nearest point of each outer tetrahedron"
-        self._fixed = job["fixed"][self.free].ravel() == 1
-        if "tools" in job:  # contact may not move them, either
-            self.model.dof_M0[self._fixed] = _IMMOVABLE * mass[0]
+            self.balls = Balls(job, self.model, self.data, self._fixed)
         self._moved = job["prescribed_displacement"][self.free].ravel()[self._fixed]
         applied = (job["external_force"] @ self.turn)[self.free].ravel()
         self.data.qfrc_applied[:] = np.where(self._fixed, 0.0, applied)
@@ -184,48 +171,21 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
     def step(self, part: float = 1.0) -> None:
         """Take a step; components that are fixed, but not pinned, are put back."""
         self.model.opt.timestep = self.time_step
-        for number, tool in enumerate(self.job.get("tools", ())):
-            first, last = (tool["path"]["times"][k] for k in (0, -1))
-            then = self.data.time if self._is_motion else first + part * (last - first)
-            self.data.mocap_pos[number] = place_of(tool, then)
-        mujoco.mj_step(self.model, self.data)
-        if self._is_motion and "tools" in self.job:
-            self._carried.append(self.tool_forces())
+        if self.balls is None:
+            mujoco.mj_step(self.model, self.data)
+        else:
+            self.balls.step(part)
         self.data.qpos[self._fixed] = part * self._moved
         self.data.qvel[self._fixed] = 0.0
 
     def advance(self, num_steps: int) -> dict[str, Any]:
-        """As others do, and what the contacts of each tool carry: at rest, or means in motion."""
-        says = super().advance(num_steps)
-        if "tools" not in self.job:
-            return says
-        mujoco.mj_forward(self.model, self.data)
-        depth = max([0.0, *(-self.data.contact.dist)])
-        forces = np.array(self._means) if self._is_motion else self.tool_forces()
-        if self._is_motion:
-            forces = forces.transpose(1, 0, 2)
-        return {**says, "tool_forces": forces.tolist(), "penetration": depth}
+        """As others do, and what is found of the tools."""
+        says: dict[str, Any] = super().advance(num_steps)
+        return says if self.balls is None else says | self.balls.found()
 
     def note_output(self) -> None:
-        """Take the mean of what the tools bore since the output before."""
-        if self._carried:
-            self._means.append(np.mean(self._carried, axis=0))
-            self._carried.clear()
-
-    def tool_forces(self) -> Any:
-        """Force on each tool [N], (num_tools, 3): the sum over its contacts, in the world's frame.
-
-        A contact's first axis goes from its first geom to its second, and what mj_contactForce
-        returns acts on the second.
-        """
-        forces, carried = np.zeros((len(self.job["tools"]), 3)), np.zeros(6)
-        for number in range(self.data.ncon):
-            contact = self.data.contact[number]
-            mujoco.mj_contactForce(self.model, self.data, number, carried)
-            on_second = contact.frame.reshape(3, 3).T @ carried[:3]
-            is_first = contact.geom[0] >= 0
-            forces[max(contact.geom)] += -on_second if is_first else on_second
-        return forces
+        if self.balls is not None:
+            self.balls.note_output()
 
     def velocity(self) -> Any:
         """Velocities of the free points' components."""
