@@ -20,6 +20,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import fastsim_candidate, outside_candidate
 from palpate.validation.candidates.outside import CannotPoseError, OutsideSimulator
 from palpate.validation.exchange.nodal_arrays import rest_arrays
+from palpate.validation.exchange.time_reading import read_at
 from palpate.validation.peers.adapters import harness, nodes
 from palpate.validation.peers.registry import read_peers
 from palpate.validation.references.runs import solve_state
@@ -321,25 +322,58 @@ def test_a_quadratic_adapter_agrees_with_the_quadratic_reference(name: str) -> N
     assert np.abs(plain - truth).max() / np.abs(truth).max() > 10.0 * apart
 
 
-@pytest.mark.parametrize(("substeps", "count"), [(None, 8), ("2", 16)])
-def test_substeps_are_taken_in_the_place_of_each_step(substeps: str | None, count: int) -> None:
-    """Outputs 0.1 s apart take four steps of at most 0.03 s each."""
+class Counting(harness.Stepped):
+    """A point that is at the cube of its time, by steps of 0.03 s."""
 
-    class Counting(harness.Stepped):
-        taken, time_step = 0, 0.03
+    taken, time_step = 0, 0.03
 
-        def step(self, part: float = 1.0) -> None:
-            self.taken += round(part)
+    def step(self, part: float = 1.0) -> None:
+        self.taken += round(part)
 
-        def velocity(self) -> Any:
-            return np.zeros(3)
+    def velocity(self) -> Any:
+        return np.zeros(3)
 
-        def displacement(self) -> Any:
-            return np.full((1, 3), float(self.taken))
+    def displacement(self) -> Any:
+        return np.full((1, 3), (self.taken * self.time_step) ** 3)
 
-    tool = Counting()
-    tool.job = {"output_times": np.array([0.0, 0.1, 0.2])}
-    tool.job |= {} if substeps is None else {"substeps": substeps}
+
+@pytest.mark.parametrize(("substeps", "count"), [(None, 7), ("2", 14)])
+def test_a_motion_keeps_its_own_step_and_sends_the_steps_that_it_has(
+    substeps: str | None, count: int
+) -> None:
+    """No step of 0.03 s is at 0.1 or 0.2 s: the judge reads there, from four steps around each."""
+    tool, outputs = Counting(), np.array([0.0, 0.1, 0.2])
+    tool.job = {"output_times": outputs} | ({} if substeps is None else {"substeps": substeps})
     says = tool.advance(1)
     assert tool.taken == count
-    assert says["time_step"] == pytest.approx(0.2 / count)
+    assert says["time_step"] == pytest.approx(0.21 / count)
+    times, states = tool.result["times"], tool.result["displacement"]
+    np.testing.assert_allclose(states[:, 0, 0], times**3, rtol=1e-12)
+    assert times[-2] < 0.2 < times[-1]
+    # A cubic is read as it is, so the steps that are needed were sent.
+    read = read_at(times, states, outputs, slack=2e-10)
+    np.testing.assert_allclose(read.states[:, 0, 0], outputs**3, atol=1e-15)
+    assert read.were_sent.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_judge_reads_the_same_of_the_steps_sent_as_of_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    outputs = np.linspace(0.0, 1.0, int(rng.integers(2, 9)))
+    time_step = float(10.0 ** rng.uniform(-3.0, -0.5))
+    sent = harness.steps_to_send(outputs, time_step)
+    every = time_step * np.arange(max(sent) + 1)
+    np.testing.assert_allclose(every[list(sent)], list(sent.values()), rtol=1e-15)
+    assert every[-1] >= 1.0 > every[-2]
+    states = rng.normal(size=(len(every), 2, 3))
+    few, all_ = (
+        read_at(t, u, outputs, slack=1e-9)
+        for t, u in ((every[list(sent)], states[list(sent)]), (every, states))
+    )
+    np.testing.assert_array_equal(few.states, all_.states)
+    np.testing.assert_array_equal(few.others, all_.others)
+
+
+def test_outputs_that_are_steps_are_sent_alone() -> None:
+    sent = harness.steps_to_send(np.linspace(0.0, 0.3, 4), 0.1 / 3.0)
+    assert list(sent) == [0, 3, 6, 9]

@@ -31,6 +31,8 @@ _COMMON = "saint-venant-kirchhoff"
 SAFETY = 0.6
 # Steps to rest in which supports and tools are moved to their positions.
 RISE = 2000
+# An output is a step where it is as near to it, relative to its time.
+SAME_STEP = 1e-9
 
 
 def solve_case(statics: Any, motion: Any = None) -> None:
@@ -367,21 +369,43 @@ class Stepped(ABC):
         return {"method": method, "relative_residual": residual}
 
     def _move(self) -> dict[str, Any]:
-        """Whole steps between outputs, which are evenly spaced, `substeps` in the place of each."""
-        times = self.job["output_times"]
-        interval = float(times[1] - times[0])
-        count = int(np.ceil(interval / self.time_step)) * int(self.job.get("substeps", 1))
-        self.time_step = interval / count
-        states = [self.displacement()]
-        for _ in times[1:]:
-            for _ in range(count):
-                self.step()
-            self.note_output()
-            states.append(self.displacement())
-            if not np.isfinite(states[-1]).all():
-                raise SystemExit(f"the motion blew up before output {len(states) - 1}")
-        self.result = {"displacement": np.array(states), "times": times}
+        """To the first step at or behind the end, by its own steps cut in `substeps`.
+
+        The states of `steps_to_send` are sent: it neither shortens its step so that it divides the
+        outputs nor reads between its steps by itself, which is left to the judge.
+        """
+        self.time_step = self.time_step / int(self.job.get("substeps", 1))
+        sent = steps_to_send(self.job["output_times"], self.time_step)
+        states = {0: self.displacement()}
+        for number in range(1, max(sent) + 1):
+            self.step()
+            if number in sent:
+                self.note_output()
+                states[number] = self.displacement()
+                if not np.isfinite(states[number]).all():
+                    raise SystemExit(f"the motion blew up by {sent[number]:.4g} s")
+        self.result = {
+            "displacement": np.array([states[number] for number in sent]),
+            "times": np.array(list(sent.values())),
+        }
         return {"method": f"its own steps{self.remark}", "integrator": self.integrator}
+
+
+def steps_to_send(output_times: Any, time_step: float) -> dict[int, float]:
+    """Which steps of a motion are sent, and their times [s], in their order.
+
+    Of an output that is a step, that step; of any other the two steps before it and the two behind,
+    from which the judge reads it by a cubic (at either end of the motion, the four nearest). The
+    last is the first step at or behind the end.
+    """
+    steps = np.asarray(output_times) / time_step
+    is_step = np.abs(steps - np.round(steps)) <= SAME_STEP * np.maximum(steps, 1.0)
+    last = int(np.where(is_step, np.round(steps), np.ceil(steps))[-1])
+    sent = {int(np.round(at)) for at in steps[is_step]} | {0, last}
+    for at in steps[~is_step]:
+        first = min(max(int(at) - 1, 0), max(last - 3, 0))
+        sent.update(range(first, min(first + 4, last + 1)))
+    return {number: number * time_step for number in sorted(sent)}
 
 
 def require_rest(residual: float, tolerance: float) -> None:
