@@ -254,7 +254,7 @@ LINES = {
         "degree 2 to 1; issue 38: the way of a tool to a pose that is held",
     ),
     "validation": (
-        51210,
+        51280,
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners, calibration; "
         "issue 40: history of released versions, "
@@ -263,13 +263,14 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        61460,
+        61560,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
-        "issue 38: first screen of a report, the live page in two browsers; issue 39: known "
-        "results of contact, motion and inflation; issue 40: stand-ins for FEBio and SOFA",
+        "issue 38: first screen of a report, the live page in two browsers, units of a page; "
+        "issue 39: known results of contact, motion and inflation; "
+        "issue 40: stand-ins for FEBio and SOFA",
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
@@ -316,8 +317,8 @@ LINES = {
         "issue 38: steps that do not divide the outputs; issue 39: corners and branches",
     ),
     "validation/report": (
-        3920,
-        "issue 38: first screen, paper, inclusions, animations; issue 35: layers between clamps; "
+        4000,
+        "issue 38: first screen, units of the case, inclusions in 3-D, paper, inclusions, animations; issue 35: layers between clamps; "
         "issue 36: measured beside computed",
     ),
     "validation/studies": (

@@ -19,10 +19,11 @@ STRESS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 DENSITY = {"kg/m3": 1.0, "g/cm3": 1e3}
 MASS = {"kg": 1.0, "g": 1e-3}
 _NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
-# "0.003 m", "(0.1, 0.2, 0.3) m", "[0.1, 0.2, 0.3] m"; no speed, area or volume. Words that are
-# quoted come first: they stay as they are.
-_IN_METRES = re.compile(
-    rf'"(?:[^"\\]|\\.)*"|(?<![\w.])({_NUMBER}|[(\[]{_NUMBER}(?:, {_NUMBER})*[)\]]) m(?![\w/^*])'
+# "0.003 m", "(0.1, 0.2, 0.3) m", "[0.1, 0.2, 0.3] m", "10000 Pa"; no speed, area or volume. Words
+# that are quoted come first: they stay as they are.
+_IN_SI = re.compile(
+    rf'"(?:[^"\\]|\\.)*"|(?<![\w.])({_NUMBER}|[(\[]{_NUMBER}(?:, {_NUMBER})*[)\]]) '
+    r"(m|Pa)(?![\w/^*])"
 )
 
 
@@ -56,17 +57,15 @@ class Units(BaseModel):
         return [self.lengths(v) if isinstance(v, tuple) else self.metres(v) for v in values]
 
     def in_case_units(self, message: str) -> str:
-        """A message from a room that knows metres only, with its lengths in the case's unit."""
+        """A message from a room that knows SI only, lengths and stresses in the case's units."""
 
         def own(found: re.Match[str]) -> str:
-            if found[1] is None:
+            size, name = self.of("length" if found[2] == "m" else "stress")
+            if found[1] is None or name == found[2]:
                 return found[0]
-            numbers = re.sub(
-                _NUMBER, lambda n: f"{float(n[0]) / LENGTH[self.length]:.6g}", found[1]
-            )
-            return f"{numbers} {self.length}"
+            return f"{re.sub(_NUMBER, lambda n: f'{float(n[0]) / size:.6g}', found[1])} {name}"
 
-        return message if self.length == "m" else _IN_METRES.sub(own, message)
+        return _IN_SI.sub(own, message)
 
     @contextmanager
     def in_own_words(self) -> Iterator[None]:
@@ -96,7 +95,10 @@ class Units(BaseModel):
             "length": (length, self.length),
             "force": (force, self.force),
             "stress": (STRESS[self.stress], self.stress),
+            "area": (length**2, f"{self.length}2"),
             "volume": (length**3, f"{self.length}3"),
+            "density": (DENSITY[self.density], self.density),
+            "mass": (MASS[self.mass], self.mass),
             "energy": (force * length, f"{self.force} {self.length}"),
         }[dimension]
 

@@ -29,6 +29,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.case.units import Units
 from palpate.validation.diagnosis import Cause, Diagnosis
 from palpate.validation.diagnosis.diagnose import equations_left
 from palpate.validation.diagnosis.explanation import CONVERGED, SINGLE
@@ -276,12 +277,17 @@ def case_budgets(result: CaseResult) -> list[Budget]:
     return budgets
 
 
-# Rows are in the units of the report's other tables.
-_SHOWN_IN = {"m": ("mm", 1e3), "m3": ("mm³", 1e9)}
+_DIMENSIONS = {"m": "length", "m3": "volume"}
 
 
-def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
-    """Column names, and a row of text for each budget; errors in parts of the truth."""
+def budget_rows(
+    budgets: list[Budget], units: Units | None = None
+) -> tuple[list[str], list[list[str]]]:
+    """Column names, and a row of text for each budget; errors in parts of the truth.
+
+    Values are in the case's `units`, or in SI.
+    """
+    used = units or Units()
     columns = ["number", "candidate", "value", "truth", "error"]
     columns += [MODEL, DISCRETISATION, TIME]
     # Where it is not the solver's for all of them, each says what it is.
@@ -290,7 +296,7 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
     rows = []
     for budget in budgets:
         scale = abs(budget.truth) or 1.0
-        unit, size = _SHOWN_IN.get(budget.unit, (budget.unit, 1.0))
+        size, unit = used.of(_DIMENSIONS[budget.unit])
 
         def part(value: float | None, scale: float = scale) -> str:
             return "-" if value is None else f"{100.0 * value / scale:+.3g} %"
@@ -299,8 +305,8 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
             [
                 f"{budget.quantity} [{unit}]",
                 budget.candidate,
-                f"{size * budget.value:.5g}",
-                f"{size * budget.truth:.5g}",
+                f"{budget.value / size:.5g}",
+                f"{budget.truth / size:.5g}",
                 part(budget.total),
                 *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME)),
                 part(budget.terms[budget.rest]) + ("" if is_solvers else f" ({budget.rest})"),

@@ -147,7 +147,7 @@ def _judge_one(
     from palpate.validation.references.branches import says_of_branches
     from palpate.validation.references.geometry import geometry_notes
 
-    problem, element = case.problem, judged.element
+    problem, element, units = case.problem, judged.element, case.spec.units
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
     notes.extend(says_of_branches(references.provenance))
@@ -158,7 +158,7 @@ def _judge_one(
     said: dict[str, Any] = {}
     for strain, solution in solutions.items():
         if isinstance(solution, CandidateFailedError):
-            failures[strain] = case.spec.units.in_case_units(str(solution))
+            failures[strain] = units.in_case_units(str(solution))
             continue
         notes.extend(solution.remarks)
         sent.append(solution)
@@ -166,7 +166,7 @@ def _judge_one(
         if not unmeasurable:
             candidates[strain] = solution
         if impossible := unmeasurable or state_out_of_reach(problem, solution):
-            failures[strain] = impossible
+            failures[strain] = units.in_case_units(impossible)
         said.update(solution.says)
     references = references.of_element(element)
     references = with_asked_steps(case, candidates, references, judged.asked, progress)
@@ -231,7 +231,7 @@ def _judge_one(
         candidates=(Judged(judged.name, verdict, element),),
         metrics=_all_metrics(case, candidates, references),
         provenance=_provenance(case, references),
-        notes=tuple(notes),
+        notes=tuple(units.in_case_units(note) for note in notes),
         published=case.spec.published,
         error_fields=_error_lengths(candidates, references),
         case_text=case.text,
@@ -240,6 +240,7 @@ def _judge_one(
         unseen=unseen,
         diagnoses=tuple(found),
         measured=tuple(beside),
+        units=units,
     )
 
 

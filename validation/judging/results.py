@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict, gravest
@@ -186,6 +187,7 @@ class CaseResult:
         unseen: Plainly wrong results that no check of the case turns red, by name.
         diagnoses: What would explain each result that a check failed.
         measured: What each candidate says to what was measured of the real body.
+        units: Those of the case, in which everything is shown.
     """
 
     name: str
@@ -206,6 +208,7 @@ class CaseResult:
     unseen: tuple[str, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
     measured: tuple[MeasuredValues, ...] = ()
+    units: Units = field(default_factory=Units)
 
     @property
     def candidate(self) -> str:

@@ -128,6 +128,7 @@ def judge_versus(
         provenance={"palpate": version_of("palpate"), "case_file": case.file},
         notes=tuple(dict.fromkeys(notes)),
         case_text=case.text,
+        units=case.spec.units,
     )
 
 

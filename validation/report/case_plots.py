@@ -150,9 +150,6 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
     return figure
 
 
-_MILLI = 1e3
-
-
 def motion_svg(result: CaseResult) -> str:
     """Displacement over time and its error as SVG text; empty where nothing moves over time."""
     with plot_style():
@@ -171,14 +168,15 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     leading = sorted(references, key=_is_on_mesh) or candidates
     assert leading[0].trajectory is not None
     point, axis = swinging_most(leading[0].trajectory)
-    position = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
+    size, unit = result.units.of("length")
+    position = ", ".join(f"{x / size:.4g}" for x in result.problem.mesh.points[point])
     along = ", ".join(f"{round(a, 2) + 0.0:.2f}" for a in axis)
     has_tools = bool(result.problem.tools)
-    size, is_page = medium.row, medium is PAGE
+    row, is_page = medium.row, medium is PAGE
     columns = 1 if not is_page else 4 if len(colours_of(result)) == 1 else 3
     # In a column each entry of a legend takes a line of its own.
     extra = 0 if is_page else len(moving)
-    high = (4.6 + 1.9 * has_tools + 0.2 * extra) * size
+    high = (4.6 + 1.9 * has_tools + 0.2 * extra) * row
     figure, panels = pyplot.subplots(
         2 + has_tools, 1, figsize=(medium.width, high), sharex=True,
         height_ratios=(2, 1, 1.4)[: 2 + has_tools],
@@ -194,20 +192,20 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     for state in (*references, *candidates):
         name = f"{state.label}, {STRAIN_NAMES[state.strain]}"
         style = _style(state, colours, compared)
-        above.plot(*_path(state, point, axis), **style, label=name)
+        above.plot(*_path(state, point, axis, size), **style, label=name)
         if has_tools:
-            _draw_forces(panels[2], state, name, style)
+            _draw_forces(panels[2], state, name, style, result.units.of("force")[0])
     # With several candidates, distances from the truth: rounding errors would flatten them.
     true = [pair for pair in compared if not _is_on_mesh(pair[1])] if len(colours) > 1 else []
     for candidate, reference in true or compared:
-        _draw_error(below, candidate, reference, point, colours)
-    above.set_ylabel("displacement [mm]")
-    below.set_ylabel("error [mm]")
+        _draw_error(below, candidate, reference, point, colours, size)
+    above.set_ylabel(f"displacement [{unit}]")
+    below.set_ylabel(f"error [{unit}]")
     below.set_yscale("linear" if true else "log")
     if has_tools:
-        panels[2].set_ylabel("force on tool [N]")
+        panels[2].set_ylabel(f"force on tool [{result.units.force}]")
     panels[-1].set_xlabel(
-        f"time [s]{'; ' if is_page else chr(10)}at ({position}) mm along ({along})"
+        f"time [s]{'; ' if is_page else chr(10)}at ({position}) {unit} along ({along})"
     )
     for axes in panels:
         tidy(axes)
@@ -215,7 +213,7 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
         is_known_above = not is_page and axes is not above and axes is not below
         if axes.get_legend_handles_labels()[0] and not is_known_above:
             axes.legend(
-                frameon=False, fontsize=8 * size, ncols=columns,
+                frameon=False, fontsize=8 * row, ncols=columns,
                 loc="lower center", bbox_to_anchor=(0.5, 0.98),
             )  # fmt: skip
     figure.tight_layout()
@@ -247,30 +245,37 @@ def _style(
     return {"color": OCHRE if len(colours) == 1 else colour, "lw": 1.3, "ls": "--"}
 
 
-def _draw_forces(axes: mpl.axes.Axes, state: State, name: str, style: Mapping[str, Any]) -> None:
+def _draw_forces(
+    axes: mpl.axes.Axes, state: State, name: str, style: Mapping[str, Any], size: float
+) -> None:
     """Draw the magnitude of the mean force on each tool from output to output."""
     forces = state.tool_forces
     if state.trajectory is None or forces is None or forces.ndim != 3:
         return
-    for number, history in enumerate(np.linalg.norm(forces, axis=2), start=1):
+    for number, history in enumerate(np.linalg.norm(forces, axis=2) / size, start=1):
         times = state.trajectory.times[1:]
         axes.plot(times, history[1:], **style, label=f"tool {number}, {name}")
 
 
-def _path(state: State, point: int, axis: Points) -> tuple[Points, Points]:
-    """Times [s] and displacement of the point along the axis [mm]."""
+def _path(state: State, point: int, axis: Points, size: float) -> tuple[Points, Points]:
+    """Times [s] and displacement of the point along the axis [`size` m]."""
     assert state.trajectory is not None
-    path: Points = _MILLI * state.trajectory.displacements[:, point] @ axis
+    path: Points = state.trajectory.displacements[:, point] @ axis / size
     return state.trajectory.times, path
 
 
 def _draw_error(
-    axes: mpl.axes.Axes, state: State, other: State, point: int, colours: Mapping[str, str]
+    axes: mpl.axes.Axes,
+    state: State,
+    other: State,
+    point: int,
+    colours: Mapping[str, str],
+    size: float,
 ) -> None:
     assert state.trajectory is not None
     assert other.trajectory is not None
     ours, theirs = state.trajectory.displacements, other.trajectory.displacements
-    apart = _MILLI * np.linalg.norm(ours[:, point] - theirs[:, point], axis=1)
+    apart = np.linalg.norm(ours[:, point] - theirs[:, point], axis=1) / size
     shown = np.where(apart > 0.0, apart, np.nan)
     label = f"to {other.label}" if len(colours) == 1 else f"{state.label} to {other.label}"
     line = "--" if _is_on_mesh(other) else "-"

@@ -8,7 +8,7 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
+from palpate.validation.case.units import Units
 from palpate.validation.exchange.case_folder import describe_conventions
 from palpate.validation.judging.error_budget import (
     Budget,
@@ -116,6 +117,7 @@ def report_environment() -> Environment:
     """Templates with the filters for words and numbers of a report."""
     environment = page_environment()
     environment.filters["number"] = _number
+    environment.filters["raised"] = _raised
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"
     return environment
 
@@ -145,7 +147,12 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         pictures = draw_pictures(result, folder)
     except Exception:  # a picture that fails must not lose the verdict
         pictures = {}
-    problem = result.problem
+    problem, units = result.problem, result.units
+
+    def own(value: float, dimension: str) -> str:
+        size, unit = units.of(dimension)
+        return f"{_number(value / size)} {_raised(unit)}"
+
     budgets, no_budget = _budgets(result)
     tables = write_tables(result, folder, budgets)
     drawn = write_figures(result, folder, figures, budgets) if figures else []
@@ -162,7 +169,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "citation": citation(result),
         "files": [path.name for path in (*tables, *drawn)],
         "motion_plot": _drawn(motion_svg, result),
-        "budgets": budget_rows(budgets) if budgets else None,
+        "budgets": budget_rows(budgets, units) if budgets else None,
         "budget_plots": [
             Markup(budget_svg([b for b in budgets if b.quantity == quantity]))
             for quantity in dict.fromkeys(b.quantity for b in budgets)
@@ -185,16 +192,38 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "inclusions": [
             f"{one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the volume, "
-            f"E = {one.material.youngs_modulus:g} Pa, Poisson's ratio "
+            f"E = {own(one.material.youngs_modulus, 'stress')}, Poisson's ratio "
             f"{one.material.poissons_ratio:.6g}"
             for one in inclusions_of(problem)
         ],
-        "masses": [f"{mass.mass:g} kg" for mass in problem.masses],
+        "masses": [own(mass.mass, "mass") for mass in problem.masses],
         "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
-        "record": record_text(result.provenance),
+        "record": record_text(in_own_units(result.provenance, units)),
+        "own": own,
+        "in_own": units.in_case_units,
+        "unit_of": {
+            dimension: _raised(units.of(dimension)[1]) for dimension in ("length", "area", "volume")
+        },
+        "lengths": {one: units.of(one)[0] for one in ("length", "area", "volume")},
         "case_lines": case_lines(result.case_text),
     }
+
+
+def in_own_units(said: Any, units: Units) -> Any:
+    """Texts of a record, at any depth, with lengths and stresses in the case's units."""
+    if isinstance(said, str):
+        return units.in_case_units(said)
+    if isinstance(said, Mapping):
+        return {key: in_own_units(value, units) for key, value in said.items()}
+    if isinstance(said, list | tuple):
+        return [in_own_units(value, units) for value in said]
+    return said
+
+
+def _raised(unit: str) -> str:
+    """A unit with its exponent as people write it: mm² and kg/m³."""
+    return unit.replace("m2", "m²").replace("m3", "m³")
 
 
 def _measured_svg(result: CaseResult) -> str:

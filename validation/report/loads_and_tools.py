@@ -23,7 +23,6 @@ from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
 
-MILLI = 1e3
 # The most arrows on a face whose traction varies.
 MOST_ARROWS = 60
 _NO_FACETS = np.zeros((0, 3), dtype=np.int32)
@@ -118,9 +117,12 @@ def spring_arrows(springs: Sequence[Spring], points: Points, scale: float) -> Po
     return arrows
 
 
-def arrows_around(problem: Problem, centre: Points) -> Points:
-    """Loads and motions of springs' anchors [mm] from a centre, (num_arrows, 2, 3)."""
-    points, scale = problem.mesh.points * MILLI, 1.0 / MILLI
+def arrows_around(problem: Problem, centre: Points, scale: float) -> Points:
+    """Loads and motions of springs' anchors from a centre, (num_arrows, 2, 3).
+
+    All in a unit of `scale` metres.
+    """
+    points = problem.mesh.points / scale
     pairs = [spring_arrows(problem.springs, points, scale), load_arrows(problem, scale)]
     arrows = np.concatenate(pairs)
     arrows[:, 0] -= centre
@@ -194,9 +196,11 @@ def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tupl
 
 
 def tools_around(
-    problem: Problem, centre: Points, times: Points | None
+    problem: Problem, centre: Points, times: Points | None, scale: float
 ) -> list[tuple[Points, Indices, Points]]:
-    """Each tool that follows a path, in millimetres from a centre, at the times of a motion [s].
+    """Each tool that follows a path, from a centre, at the times of a motion [s].
+
+    Lengths, those of the centre too, are in a unit of `scale` metres.
 
     Without times at the end of the path. A tool that a force drives is left out: its position is
     part of the result, and not stored.
@@ -212,8 +216,8 @@ def tools_around(
             own, facets = tool_surface(tool, size)
             shown = [tool.path.times[-1]] if times is None else times
             poses = [tool.path.pose_at(float(time)) for time in shown]
-            rows = np.array([[*turn.ravel(), *(at * MILLI - centre)] for at, turn in poses])
-            found.append((own * MILLI, facets, rows))
+            rows = np.array([[*turn.ravel(), *(at / scale - centre)] for at, turn in poses])
+            found.append((own / scale, facets, rows))
     return found
 
 

@@ -35,7 +35,6 @@ from palpate.validation.report.drawing import (
     joined,
 )
 from palpate.validation.report.loads_and_tools import (
-    MILLI,
     MOST_ARROWS,
     arrows_around,
     inclusions_of,
@@ -186,12 +185,13 @@ def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[s
 
 
 def result_views(result: CaseResult) -> dict[str, list[View]]:
-    """Views of the boundary, its states and their errors, in millimetres.
+    """Views of the boundary, its states and their errors, in the case's unit of length.
 
     One candidate has both strain measures; several have Green strain and the best reference.
     """
     problem, states = result.problem, result.states
-    points, facets = problem.mesh.points * MILLI, problem.mesh.boundary_facets
+    scale, unit = result.units.of("length")
+    points, facets = problem.mesh.points / scale, problem.mesh.boundary_facets
     green = [pairs for pairs in comparisons_of(result) if pairs.strain is Strain.GREEN]
     candidates = [state for state in states if not state.is_reference]
     several = len(result.candidates) > 1
@@ -200,13 +200,13 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         shown += [states[k] for pairs in green[:1] for k in pairs.references]
     else:
         shown = sorted(candidates, key=lambda state: state.strain is Strain.GREEN)
-    lengths = [np.linalg.norm(state.displacement * MILLI, axis=1) for state in shown]
+    lengths = [np.linalg.norm(state.displacement / scale, axis=1) for state in shown]
     largest = max((float(of.max()) for of in lengths), default=1.0)
     x, y, z = way_to_eye(*first_eye(result))
     side = (float(x), float(y), float(z))
-    marks = _arrows(arrows_around(problem, np.zeros(3)))
+    marks = _arrows(arrows_around(problem, np.zeros(3), scale))
     started, ended = (
-        _tools(problem, 1.0 / MILLI, at_end=at_end, driven=False) for at_end in (False, True)
+        _tools(problem, scale, at_end=at_end, driven=False) for at_end in (False, True)
     )
     fixed = joined([support.facets for support in problem.supports])
     original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
@@ -224,9 +224,9 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         )
     ]
     for state, length in zip(shown, lengths, strict=True):
-        moved = points + state.displacement * MILLI
+        moved = points + state.displacement / scale
         coloured = Surface(
-            moved, facets, values=length, values_name="displacement [mm]", largest=largest
+            moved, facets, values=length, values_name=f"displacement [{unit}]", largest=largest
         )
         title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
         views.append(View(title, [coloured, original, *around(moved)], side, marks))
@@ -237,14 +237,14 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         compared = [(states[one], states[other]) for one, other in pairs.pairs]
         wrong = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in compared]
         # Errors that are compared with the same kind of reference have one scale.
-        top = MILLI * error_top(result, max(float(length.max()) for length in wrong))
+        top = error_top(result, max(float(length.max()) for length in wrong)) / scale
         for (one, other), length in zip(compared, wrong, strict=True):
-            moved = points + one.displacement * MILLI
+            moved = points + one.displacement / scale
             coloured = Surface(
                 moved,
                 facets,
-                values=MILLI * length,
-                values_name="error [mm]",
+                values=length / scale,
+                values_name=f"error [{unit}]",
                 largest=top,
                 colours="magma_r",
             )

@@ -14,14 +14,13 @@ from palpate.validation.judging.error_budget import Budget, budget_rows
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import csv_text
 
-MM3, MM2 = 1e9, 1e6
-
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity in one state: its value and its change against the original, by column."""
+    """One quantity in one state: its value in a unit and its change [%], by column."""
 
     quantity: str
+    unit: str
     state: str
     cells: tuple[tuple[float | None, float | None], ...]
 
@@ -36,7 +35,7 @@ class StateTable:
 
 
 def state_table(result: CaseResult) -> StateTable:
-    """Columns: the paper, if the case has its numbers, then every simulator; in mm3 and mm2."""
+    """Columns: the paper, if the case has its numbers, then every simulator; in its units."""
     references = [s for s in result.states if s.is_reference]
     references.sort(key=lambda s: (s.degree, s.label), reverse=True)
     labels = list(dict.fromkeys(s.label for s in references))
@@ -49,10 +48,11 @@ def state_table(result: CaseResult) -> StateTable:
     )
     mesh = result.problem.mesh
     rows = []
-    for quantity, key, rest, scale in (
-        ("volume", "volume", mesh.volume, MM3),
-        ("surface area", "area", mesh.surface_area, MM2),
+    for quantity, key, rest in (
+        ("volume", "volume", mesh.volume),
+        ("surface area", "area", mesh.surface_area),
     ):
+        size, unit = result.units.of(key)
         for state, strain in (
             ("original", None),
             ("linear strain", Strain.LINEAR),
@@ -65,15 +65,15 @@ def state_table(result: CaseResult) -> StateTable:
                 cells.append((value, None if strain is None else (value / original - 1) * 100))
             for label in labels:
                 if strain is None:
-                    cells.append((rest * scale, None))
+                    cells.append((rest / size, None))
                     continue
                 found = result.state(label, strain)
                 if found is None:
                     cells.append((None, None))
                     continue
                 amount = found.volume if key == "volume" else found.surface_area
-                cells.append((amount * scale, (amount / rest - 1) * 100))
-            rows.append(Row(quantity, state, tuple(cells)))
+                cells.append((amount / size, (amount / rest - 1) * 100))
+            rows.append(Row(quantity, unit, state, tuple(cells)))
     columns = (["paper"] if has_paper else []) + labels
     return StateTable(tuple(columns), tuple(rows), has_paper)
 
@@ -85,9 +85,8 @@ def state_table_csv(result: CaseResult) -> str:
     columns += [name for c in table.columns for name in (c, f"{c} change %")]
     rows = []
     for row in table.rows:
-        unit = "mm3" if row.quantity == "volume" else "mm2"
         cells = ["" if number is None else f"{number:.4f}" for pair in row.cells for number in pair]
-        rows.append([f"{row.quantity} [{unit}]", row.state, *cells])
+        rows.append([f"{row.quantity} [{row.unit}]", row.state, *cells])
     return csv_text(columns, rows)
 
 
@@ -119,7 +118,7 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
         ),
     }
     if budgets:
-        texts["budget"] = csv_text(*budget_rows(list(budgets)))
+        texts["budget"] = csv_text(*budget_rows(list(budgets), result.units))
     made = []
     for name, text in texts.items():
         path = folder / f"{result.name}-{name}.csv"

@@ -79,7 +79,7 @@ def trust_of(result: CaseResult) -> Trust:
         css=result.tone,
         word=_word(result),
         answer=answer_of(result, far),
-        next=next_steps(result, far, _mistake(result)),
+        next=next_steps(result, far, result.units.in_case_units(_mistake(result))),
         failures=tuple(
             _group(result, judged) for judged in result.candidates if _left(result, judged)
         ),
@@ -88,7 +88,7 @@ def trust_of(result: CaseResult) -> Trust:
         # That on displacement, if there is one.
         needed=next((c.reason for c in sorted(far, key=lambda c: c.metric not in _FIRST)), ""),
         caveat=_caveat(result, far),
-        explanation=_explanation(result),
+        explanation=result.units.in_case_units(_explanation(result)),
     )
 
 
@@ -213,7 +213,6 @@ def _row(check: CheckResult, name: str) -> Row:
     )
 
 
-_MILLI = 1e3
 # An error below this fraction of the largest displacement is not located.
 _LEAST = 1e-6
 # Points that move less than this fraction of the largest show no relative error.
@@ -252,11 +251,12 @@ def _says(result: CaseResult, one: int, other: int) -> str:
         amount = f"about {_rough(middle)}"
     else:
         amount = f"{_rough(low)} to {_rough(high)}"
-    position = ", ".join(f"{x * _MILLI:.3g}" for x in result.problem.mesh.points[worst])
+    size, unit = result.units.of("length")
+    position = ", ".join(f"{x / size:.3g}" for x in result.problem.mesh.points[worst])
     what = "point by point, displacement is off"
     if len(candidate) > 1:
         what += " at the worst moment"
-    where = f"{_place(result, worst, moved)}, at ({position}) mm"
+    where = f"{_place(result, worst, moved)}, at ({position}) {unit}"
     return f"{what} by {amount} of how far each moves, most {where}"
 
 

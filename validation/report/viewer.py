@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.comparisons import STRAIN_NAMES, comparisons_of, error_top, first_eye
-from palpate.validation.report.loads_and_tools import MILLI, arrows_around, tools_around
+from palpate.validation.report.loads_and_tools import arrows_around, tools_around
 from palpate.validation.states import State
 
 _COLOURS = 32
 
 
 def viewer_json(result: CaseResult) -> str:
-    """The scene of a case, lengths in mm, as JSON that is safe inside a <script> element."""
+    """The scene of a case in its unit of length, as JSON that is safe inside a <script>."""
     mesh = result.problem.mesh
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
-    points = mesh.points[used] * MILLI
+    scale, unit = result.units.of("length")
+    points = mesh.points[used] / scale
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     motions = [s.trajectory for s in result.states if s.trajectory is not None]
     times = [float(t) for t in motions[0].times] if motions else None
@@ -34,7 +35,7 @@ def viewer_json(result: CaseResult) -> str:
         "points": packed(points - centre, np.float32),
         "facets": packed(facets.reshape(-1, 3), np.uint32),
         "marks": packed(_marks(result, used), np.int8),
-        "solutions": [_solution(state, used) for state in result.states],
+        "solutions": [_solution(state, used, scale) for state in result.states],
         "errors": _errors(result, used),
         "looks": _offered(result),
         "times": times,
@@ -45,21 +46,22 @@ def viewer_json(result: CaseResult) -> str:
                 "poses": packed(poses, np.float32),
             }
             for own, rows, poses in tools_around(
-                result.problem, centre, None if times is None else np.array(times)
+                result.problem, centre, None if times is None else np.array(times), scale
             )
         ],
-        "arrows": packed(arrows_around(result.problem, centre), np.float32),
+        "arrows": packed(arrows_around(result.problem, centre, scale), np.float32),
         "colours": colour_table(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
         "eye": first_eye(result),
+        "unit": unit,
     }
     # "</script>" in a name must not end the element.
     return json.dumps(scene, allow_nan=False).replace("<", "\\u003c")
 
 
-def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
-    """One motion at all its times, as whole numbers times `step` millimetres."""
-    displacement = state.displacements[:, used] * MILLI
+def _solution(state: State, used: NDArray[Any], scale: float) -> dict[str, Any]:
+    """One motion at all its times, as whole numbers times `step` of the unit."""
+    displacement = state.displacements[:, used] / scale
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
@@ -100,16 +102,16 @@ def _offered(result: CaseResult) -> list[dict[str, Any]]:
 
 def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
     """Length of the error of every compared pair, comparison by comparison."""
-    errors = []
+    errors, scale = [], result.units.of("length")[0]
     for number, other in (pair for shown in comparisons_of(result) for pair in shown.pairs):
         candidate, reference = result.states[number], result.states[other]
         apart = (candidate.displacements - reference.displacements)[:, used]
-        length = np.linalg.norm(apart, axis=2) * MILLI
+        length = np.linalg.norm(apart, axis=2) / scale
         errors.append(
             {
                 "candidate": number,
                 "reference": other,
-                "largest": MILLI * error_top(result, float(length.max()) / MILLI),
+                "largest": error_top(result, float(length.max()) * scale) / scale,
                 "length": packed(length, np.float32),
             }
         )

@@ -110,7 +110,7 @@ def test_pictures_stand_as_the_3d_view_begins_with_tools_supports_and_loads(
     assert {panel.side for panels in pictures.values() for panel in panels} == {
         tuple(map(float, way_to_eye(yaw, pitch)))
     }
-    arrows = arrows_around(problem, np.zeros(3))
+    arrows = arrows_around(problem, np.zeros(3), 1e-3)
     for panel in (*pictures["states"], *pictures["errors"]):
         (ball,) = (part for part in panel.surfaces if part.is_beside)
         # Where it starts beside the original, where it ends beside the others; millimetres.

@@ -157,7 +157,7 @@ class Viewer extends Stage {
       if (!shown) return;
       view.querySelector(".name").textContent = shown.name;
       view.querySelector(".scale").hidden = shown.mode === 0;
-      view.querySelector(".most").textContent = `${digits(shown.largest)} mm`;
+      view.querySelector(".most").textContent = `${digits(shown.largest)} ${scene.unit}`;
     });
   }
 
