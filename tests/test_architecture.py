@@ -318,8 +318,8 @@ LINES = {
     ),
     "validation/report": (
         4000,
-        "issue 38: first screen, units of the case, inclusions in 3-D, paper, inclusions, animations; issue 35: layers between clamps; "
-        "issue 36: measured beside computed",
+        "issue 38: first screen, paper, units of the case, inclusions in 3-D, animations; "
+        "issue 35: layers between clamps; issue 36: measured beside computed",
     ),
     "validation/studies": (
         4820,

@@ -1,8 +1,9 @@
 """Frames for the page: positions and colours of the surfaces, and how fast the simulation runs.
 
 A frame consists of four bytes with the length of its head, the head as JSON, padded so that the
-rest begins at a multiple of 8, and then for each pane the positions of the surface points, 16 bits
-for each coordinate within a stated box, and their shades, 8 bits a point.
+rest begins at a multiple of 8, and then for each pane the positions of the surface points and of
+those of inclusions inside, 16 bits for each coordinate within a stated box, and their shades, 8
+bits a point.
 """
 
 from __future__ import annotations
@@ -156,7 +157,10 @@ class FrameMaker:
             if self.count % _SELDOM == 1 or pane.name not in self._energies:
                 self._energies[pane.name] = pane.strain_energy()
             parts = np.clip(shade * (255.0 / self._most), 0.0, 255.0).astype(np.uint8)
-            packed.append((self.box.packed(positions * 1e3), parts))
+            inner = pane.inner_positions()
+            drawn = np.concatenate([positions, inner])
+            parts = np.concatenate([parts, np.zeros(len(inner), dtype=np.uint8)])
+            packed.append((self.box.packed(drawn * 1e3), parts))
             reported.append(
                 {
                     "force": [_finite(f) for f in pane.mean_force() + pane.pull()],

@@ -29,6 +29,7 @@ from palpate.meshes.rigid_tool import ToolError
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.laws import strain_of
+from palpate.validation.report.loads_and_tools import inclusions_of
 from palpate.validation.states import CellStresses
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
@@ -42,16 +43,21 @@ _CHECK_EVERY = 6
 _DEEP, _THROUGH = 0.1, 0.5
 
 
+_NO_POINTS = np.zeros(0, dtype=np.int32)
+
+
 class Surface:
     """The surface of a body, and the cells behind it.
 
     Attributes:
         used: Points of the boundary, ascending, shape (n,).
         facets: Boundary facets in the numbering of these points, shape (m, 3).
+        inner: Points of inclusions that are drawn inside, none of the boundary, shape (k,).
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, inner: Indices = _NO_POINTS) -> None:
         mesh = problem.mesh
+        self.inner = inner
         self.used, inverse = np.unique(mesh.boundary_facets, return_inverse=True)
         self.facets: Indices = inverse.reshape(-1, 3).astype(np.int32)
         cells = np.flatnonzero(np.isin(mesh.cells, self.used).sum(axis=1) >= 3)
@@ -241,6 +247,15 @@ class Pane(ABC):
         positions: Points = self._rest + self._moved()
         return positions
 
+    def inner_positions(self) -> Points:
+        """Positions of the points of inclusions inside [m], shape (k, 3)."""
+        inner = self._surface.inner
+        positions: Points = self._points[inner] + self._inner_moved()
+        return positions
+
+    def _inner_moved(self) -> Points:
+        return self.displacement[self._surface.inner]
+
     def shades(self, by: str) -> Floats:
         """The quantity that colours the surface, at its points [m], [-] or [Pa], shape (n,)."""
         if by == "displacement":
@@ -393,7 +408,8 @@ class CondensedPane(Pane):
         smoothed = ", smoothed" if element is Element.SMOOTHED else ""
         name = f"{STRAIN_NAMES[Strain.LINEAR]} (condensed{smoothed})"
         super().__init__(problem, surface, Strain.LINEAR, element, name)
-        self._model = condense(problem, element=element, seen=surface.used, keep_inside=True)
+        drawn = np.union1d(surface.used, surface.inner)
+        self._model = condense(problem, element=element, seen=drawn, keep_inside=True)
         if self._model.terms:
             raise InputError("the condensed body's supports stand still: this case moves one")
         self._steps = CondensedSteps(self._model)
@@ -401,7 +417,7 @@ class CondensedPane(Pane):
         self._rotation = problem.tools[0].path.pose_at(0.0)[1]
         row = np.zeros(problem.mesh.num_points, dtype=np.int32)
         row[self._model.seen] = np.arange(len(self._model.seen))
-        self._used = row[surface.used]
+        self._used, self._inner = row[surface.used], row[surface.inner]
         self.reset()
 
     @property
@@ -444,6 +460,10 @@ class CondensedPane(Pane):
         moved: Points = self._seen[self._used]
         return moved
 
+    def _inner_moved(self) -> Points:
+        moved: Points = self._seen[self._inner]
+        return moved
+
     def mean_force(self) -> Floats:
         """See `Pane`."""
         return self._force
@@ -458,7 +478,8 @@ class CondensedPane(Pane):
 def condensed_words(problem: Problem, element: Element) -> str:
     """The memory and time that the condensed pane of a case's body will take, in a sentence."""
     bare = dataclasses.replace(problem, loads=(), springs=(), tools=(), time=None)
-    seen = np.unique(problem.mesh.boundary_facets)
+    inside = [one.facets for one in inclusions_of(problem)]
+    seen = np.unique(np.concatenate([problem.mesh.boundary_facets, *inside]))
     return f"condensing: {condensed_size(bare, element=element, seen=seen, keep_inside=True)}"
 
 

@@ -35,7 +35,7 @@ from palpate.validation.report.html import (
     template_text,
 )
 from palpate.validation.report.loads_and_tools import tool_surface
-from palpate.validation.report.viewer import colour_table, packed
+from palpate.validation.report.viewer import colour_table, drawn_inclusions, packed
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -55,6 +55,7 @@ def page_text(case: Case, simulation: Simulation) -> str:
             case=case,
             panes=[pane.name for pane in simulation.panes],
             loads=len(case.spec.load),
+            inclusions=len(simulation.inclusions),
             scene=Markup(_scene(simulation)),
             style=Markup(template_text(_STYLE)),
             script=script,
@@ -82,7 +83,8 @@ def page_policy(socket: str) -> str:
 def _scene(simulation: Simulation) -> str:
     """The body at rest and the tool [mm], as JSON that is safe inside a <script> element."""
     problem, surface = simulation.live.problem, simulation.surface
-    points = problem.mesh.points[surface.used] * 1e3
+    drawn = np.concatenate([surface.used, surface.inner])
+    points = problem.mesh.points[drawn] * 1e3
     marks = np.zeros(problem.mesh.num_points, dtype=np.int8)
     for support in problem.supports:
         marks[support.points] = 1
@@ -93,7 +95,8 @@ def _scene(simulation: Simulation) -> str:
     scene: dict[str, Any] = {
         "points": packed(points, np.float32),
         "facets": packed(surface.facets, np.uint32),
-        "marks": packed(marks[surface.used], np.int8),
+        "marks": packed(marks[drawn], np.int8),
+        "inclusions": drawn_inclusions(simulation.inclusions),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
         "axis": int(np.argmin(np.ptp(points, axis=0))),
         "colours": colour_table(),

@@ -31,6 +31,7 @@ from palpate.validation.live.recording import (
     write_pose,
     write_recording,
 )
+from palpate.validation.report.loads_and_tools import inclusions_inside
 
 FRAME = 1.0 / 60.0
 # The most that all frames together may take [bytes/s].
@@ -131,7 +132,11 @@ class Simulation(threading.Thread):
 
     def _build(self) -> None:
         live = live_case(self._case, self._touch, self._elements)
-        surface = Surface(live.problem)
+        used = np.unique(live.problem.mesh.boundary_facets)
+        inner, self.inclusions = inclusions_inside(
+            live.problem, used, self._case.spec.units, live.data
+        )
+        surface = Surface(live.problem, inner)
         self.panes = make_panes(
             live.problem, surface, self._elements, is_condensed=self._touch.is_condensed
         )

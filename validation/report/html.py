@@ -22,6 +22,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case.units import Units
 from palpate.validation.exchange.case_folder import describe_conventions
 from palpate.validation.judging.error_budget import (
@@ -38,7 +39,7 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
-from palpate.validation.report.loads_and_tools import inclusions_of
+from palpate.validation.report.loads_and_tools import inclusion_names, inclusions_of
 from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
@@ -191,10 +192,14 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "inclusions": [
-            f"{one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the volume, "
-            f"E = {own(one.material.youngs_modulus, 'stress')}, Poisson's ratio "
+            f"{name}: {one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the "
+            f"volume, E = {own(one.material.youngs_modulus, 'stress')}, Poisson's ratio "
             f"{one.material.poissons_ratio:.6g}"
-            for one in inclusions_of(problem)
+            for one, name in zip(
+                inclusions_of(problem),
+                inclusion_names(problem, parse_toml(result.case_text)),
+                strict=True,
+            )
         ],
         "masses": [own(mass.mass, "mass") for mass in problem.masses],
         "credibility": credibility_html(result),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from palpate.meshes.rigid_tool import (
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case.units import Units
 from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
 
 # The most arrows on a face whose traction varies.
@@ -245,3 +247,51 @@ def inclusions_of(problem: Problem) -> list[DrawnInclusion]:
         facets = used[part.boundary_facets]
         found.append(DrawnInclusion(one.material, part.num_cells, part.volume, facets))
     return found
+
+
+# Colours of inclusions in 3-D: unlike those of supports, loads, tools and of the scales.
+_INSIDE = ((0.48, 0.31, 0.64), (0.85, 0.42, 0.1), (0.1, 0.5, 0.45), (0.75, 0.2, 0.5))
+
+
+def inclusion_names(problem: Problem, tables: Mapping[str, Any]) -> list[str]:
+    """What a case file calls its inclusions: a label, a group or a surface, or else a number."""
+    given: list[Any] = [*tables.get("inclusion", ())]
+    names = []
+    for number, _ in enumerate(problem.inclusions, 1):
+        table = given[number - 1] if len(given) == len(problem.inclusions) else {}
+        called = table.get("label") or (table.get("region") or {}).get("group")
+        called = called or table.get("surface")
+        names.append(f"inclusion {number}" if called is None else f"inclusion {called}")
+    return names
+
+
+def inclusions_inside(
+    problem: Problem, used: Indices, units: Units, tables: Mapping[str, Any]
+) -> tuple[Indices, list[tuple[str, tuple[float, float, float], Indices]]]:
+    """What a 3-D view needs of the inclusions, beside the points of the boundary.
+
+    Args:
+        problem: The body.
+        used: Points of the boundary, shape (n,).
+        units: The case's.
+        tables: Those of its file.
+
+    Returns:
+        The points of inclusions that are not among the used ones, ascending, (m,); and of each
+        inclusion its words, its colour, and the facets of its surface (k, 3) in the numbering of
+        the used points and then those.
+    """
+    found = inclusions_of(problem)
+    drawn = np.concatenate([_NO_FACETS, *(one.facets for one in found)])
+    inner: Indices = np.setdiff1d(drawn, used).astype(np.int32)
+    row = np.full(problem.mesh.num_points, -1, dtype=np.int32)
+    row[np.concatenate([used, inner])] = np.arange(len(used) + len(inner))
+    size, unit = units.of("stress")
+    return inner, [
+        (
+            f"{name}: E = {one.material.youngs_modulus / size:g} {unit}, {one.num_cells} cells",
+            _INSIDE[k % len(_INSIDE)],
+            row[one.facets],
+        )
+        for k, (one, name) in enumerate(zip(found, inclusion_names(problem, tables), strict=True))
+    ]

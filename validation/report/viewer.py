@@ -8,15 +8,22 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Indices
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.comparisons import STRAIN_NAMES, comparisons_of, error_top, first_eye
-from palpate.validation.report.loads_and_tools import arrows_around, tools_around
+from palpate.validation.report.loads_and_tools import (
+    arrows_around,
+    inclusions_inside,
+    tools_around,
+)
 from palpate.validation.states import State
 
 _COLOURS = 32
@@ -27,6 +34,10 @@ def viewer_json(result: CaseResult) -> str:
     mesh = result.problem.mesh
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
     scale, unit = result.units.of("length")
+    inner, inclusions = inclusions_inside(
+        result.problem, used, result.units, parse_toml(result.case_text)
+    )
+    used = np.concatenate([used, inner])
     points = mesh.points[used] / scale
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     motions = [s.trajectory for s in result.states if s.trajectory is not None]
@@ -34,6 +45,7 @@ def viewer_json(result: CaseResult) -> str:
     scene = {
         "points": packed(points - centre, np.float32),
         "facets": packed(facets.reshape(-1, 3), np.uint32),
+        "inclusions": drawn_inclusions(inclusions),
         "marks": packed(_marks(result, used), np.int8),
         "solutions": [_solution(state, used, scale) for state in result.states],
         "errors": _errors(result, used),
@@ -57,6 +69,16 @@ def viewer_json(result: CaseResult) -> str:
     }
     # "</script>" in a name must not end the element.
     return json.dumps(scene, allow_nan=False).replace("<", "\\u003c")
+
+
+def drawn_inclusions(
+    inclusions: Sequence[tuple[str, tuple[float, float, float], Indices]],
+) -> list[dict[str, Any]]:
+    """Inclusions for a page, of `inclusions_inside`."""
+    return [
+        {"says": says, "colour": colour, "facets": packed(facets, np.uint32)}
+        for says, colour, facets in inclusions
+    ]
 
 
 def _solution(state: State, used: NDArray[Any], scale: float) -> dict[str, Any]:

@@ -33,15 +33,18 @@ void main() {
   float light = 0.55 + 0.45 * abs(dot(normal, normalize(vec3(0.25, 0.35, 1.0))));
   vec3 base = plain.rgb;
   if (mode == 1) base = texture(colours, vec2(clamp(shade, 0.0, 1.0), 0.5)).rgb;
-  else if (shade < -0.5) base = vec3(0.71, 0.2, 0.18);
-  else if (shade > 0.5) base = vec3(0.23, 0.42, 0.63);
+  else if (mode == 0 && shade < -0.5) base = vec3(0.71, 0.2, 0.18);
+  else if (mode == 0 && shade > 0.5) base = vec3(0.23, 0.42, 0.63);
   float shine = gloss * pow(abs(dot(normal, normalize(lamp + vec3(0.0, 0.0, 1.0)))), 20.0);
   // Of a ghost the rim is seen, and no more of it than it has moved.
   if (mode == 3) { colour = vec4(plain.rgb, plain.a * smoothstep(0.1, 0.6, shade) * (1.0 - 0.75 * abs(normal.z))); return; }
-  colour = vec4((base * light + shine) * (1.0 - 0.5 * shadow()), mode == 1 ? 1.0 : plain.a);
+  colour = vec4((base * light + shine) * (1.0 - 0.5 * shadow()), plain.a);
 }`;
 
 // Towards the lamp that casts shadows: right, up, towards the eye.
+// How much of a body covers what is inside, where one looks inside; its bar of colours is as pale.
+const PALE = 0.5;
+
 const LAMP = [-0.48, 0.64, 0.6];
 
 function unpack(text, Kind) {
@@ -112,6 +115,22 @@ class Stage {
     this.shown = [];
     this.ground = [1, 1, 1];
     gl.uniform3f(this.uniform.lamp, ...LAMP);
+    this.makeInside(body.inclusions);
+  }
+
+  // Inclusions, which are seen through the body where the page's box is ticked, and their legend.
+  makeInside(inclusions) {
+    const box = this.root.querySelector(".inside"), see = box?.querySelector("input");
+    this.inside = inclusions.map(({ facets, colour, says }) => {
+      const rows = unpack(facets, Uint32Array), entry = document.createElement("span"), mark = document.createElement("i");
+      mark.style.background = `rgb(${colour.map((x) => Math.round(255 * x)).join(",")})`;
+      entry.append(mark, says);
+      box.append(entry);
+      return { colour, count: rows.length, indices: this.elements(rows) };
+    });
+    const look = () => { this.looksInside = Boolean(see?.checked); this.root.classList.toggle("looks-inside", this.looksInside); };
+    see?.addEventListener("change", () => { look(); this.draw(); });
+    look();
   }
 
   // What else stands in a view: nothing here.
@@ -130,8 +149,14 @@ class Stage {
     gl.uniform1i(this.uniform.mode, mode);
     gl.uniform4f(this.uniform.plain, ...colour);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
-    if (colour[3] === 1) { draw(); return; }
-    // Its nearest side alone shines through: first how near it is, then its colour.
+    this.cover(draw, colour[3] === 1);
+  }
+
+  // Draw facets that are solid, or of which the nearest side alone shines through: first how near it
+  // is, then its colour.
+  cover(draw, isSolid) {
+    const gl = this.gl;
+    if (isSolid) { draw(); return; }
     gl.colorMask(false, false, false, false);
     draw();
     gl.colorMask(true, true, true, true);
@@ -266,23 +291,36 @@ class Stage {
     this.root.dataset.state = gl.getError() === gl.NO_ERROR ? "drawn" : "failed";
   }
 
+  // Inclusions, moved as the body is.
+  paintInside() {
+    const gl = this.gl;
+    gl.uniform1i(this.uniform.mode, 4);
+    gl.polygonOffset(2, 2);
+    for (const { colour, count, indices } of this.inside) {
+      gl.uniform4f(this.uniform.plain, ...colour, 1);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
+      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
+    }
+  }
+
   // What a view shows, its facets and their edges.
   paintBody(shown) {
     const gl = this.gl, { motion, shade, fraction, lineFraction } = this.stateOf(shown);
     this.fill("motion", motion);
     this.fill("value", shade);
-    gl.uniform1i(this.uniform.mode, shown.mode);
     gl.uniform1f(this.uniform.fraction, fraction);
-    gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
-    gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen, and facets on those of an inclusion
+    if (this.looksInside) this.paintInside();
+    gl.uniform1i(this.uniform.mode, shown.mode);
+    gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, this.looksInside ? PALE : 1);
     gl.polygonOffset(1, 1);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
-    gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
+    this.cover(() => gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0), !this.looksInside);
     gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.uniform1f(this.uniform.fraction, lineFraction);
     gl.uniform1i(this.uniform.mode, 2);
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.uniform4f(this.uniform.plain, 0.1, 0.14, 0.18, shown.mode === 0 ? 0.35 : 0.16);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.lines);
     gl.drawElements(gl.LINES, this.edges.length, gl.UNSIGNED_INT, 0);

@@ -17,7 +17,7 @@ const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 class Touch extends Stage {
   constructor(root, scene, send) {
     super(root, { points: unpack(scene.points, Float32Array), facets: unpack(scene.facets, Uint32Array),
-      radius: scene.radius, axis: scene.axis });
+      radius: scene.radius, axis: scene.axis, inclusions: scene.inclusions });
     this.send = send;
     this.tool = this.solid(unpack(scene.tool.points, Float32Array), unpack(scene.tool.facets, Uint32Array));
     const s = 0.035 * scene.radius;
@@ -113,7 +113,9 @@ class Touch extends Stage {
   judged(note) {
     this.errors = note.errors.length ? note : null;
     if (this.errors) note.errors.forEach((text, k) => {
-      this.shown[k].error = text && unpack(text, Float32Array).map((x) => x / (note.largest || 1));
+      // Errors are those of the surface; points of inclusions follow it in all arrays.
+      this.shown[k].error = text && new Float32Array(this.count);
+      if (text) this.shown[k].error.set(unpack(text, Float32Array).map((x) => x / (note.largest || 1)));
       this.shown[k].mode = text || !this.shown[k].rests ? 1 : 0;
     });
     this.draw();

@@ -28,7 +28,7 @@ class Viewer extends Stage {
   constructor(root) {
     const scene = JSON.parse(root.querySelector("script").textContent);
     super(root, { points: unpack(scene.points, Float32Array), facets: unpack(scene.facets, Uint32Array),
-      radius: scene.radius, eye: scene.eye });
+      radius: scene.radius, eye: scene.eye, inclusions: scene.inclusions });
     this.scene = scene;
     this.makeViews(Math.max(...scene.looks.map((look) => look.views.length)));
     this.makeColours(scene.colours);
@@ -200,6 +200,6 @@ for (const root of document.querySelectorAll(".viewer")) {
   } catch (error) {
     root.dataset.state = "failed";
     root.querySelector(".fallback").hidden = false;
-    for (const part of root.querySelectorAll("canvas, .controls, .views")) part.hidden = true;
+    for (const part of root.querySelectorAll("canvas, .controls, .views, .inside")) part.hidden = true;
   }
 }
