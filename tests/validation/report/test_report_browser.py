@@ -242,3 +242,31 @@ def test_the_report_prints_as_pdf(
         with pytest.raises(InputError, match="could not print"):
             print_pdf(page)
         assert made.read_bytes() == content
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_box_shows_and_hides_inclusions(
+    browser: Any, lump_result: CaseResult, tmp_path: Path
+) -> None:
+    page = html.write_report([lump_result], tmp_path)
+    open_page(browser, page)
+    state = "return document.querySelector('.viewer').dataset.state"
+    assert browser.execute_script(state) == "drawn"
+    assert [text.split(":")[0].strip() for text in texts(browser, ".inside span")] == [
+        "inclusion 1", "inclusion 2",
+    ]  # fmt: skip
+    seen = picture(browser)
+    opacity = "return getComputedStyle(document.querySelector('.bar')).opacity"
+    assert browser.execute_script(opacity) == "0.5"
+    box = browser.find_element("css selector", ".inside input")
+    box.click()
+    browser.execute_script(
+        "return new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))"
+    )
+    solid = picture(browser)
+    assert browser.execute_script(opacity) == "1"
+    assert np.abs(seen - solid).mean() > 0.01
+    assert serious(browser) == []
+    # Nothing of it stands on the page of a body without inclusions.
+    plain = page.read_text("utf-8")
+    assert plain.count('class="inside"') == 1
