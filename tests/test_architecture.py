@@ -263,7 +263,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        61560,
+        61690,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
@@ -298,8 +298,8 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3250,
-        "issue 34: how the page is opened, and what recordings may not replace; "
+        3280,
+        "issue 38: inclusions inside; issue 34: how the page is opened, and what recordings may not replace; "
         "issue 38: poses are brought to rest, answers in words beside the buttons",
     ),
     "validation/metrics": (
@@ -317,7 +317,7 @@ LINES = {
         "issue 38: steps that do not divide the outputs; issue 39: corners and branches",
     ),
     "validation/report": (
-        4000,
+        4010,
         "issue 38: first screen, paper, units of the case, inclusions in 3-D, animations; "
         "issue 35: layers between clamps; issue 36: measured beside computed",
     ),
