@@ -300,7 +300,7 @@ LINES = {
     "validation/live": (
         3280,
         "issue 34: how the page is opened, and what recordings may not replace; "
-        "issue 38: inclusions inside, poses are brought to rest, answers in words beside the buttons",
+        "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
         4900,
