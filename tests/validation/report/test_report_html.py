@@ -27,6 +27,8 @@ from palpate.validation.report.tables import provenance_rows, record_text, state
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
 
+TEMPLATES = Path(html.__file__).parent / "templates"
+
 
 def test_table_one_prints_the_paper_and_the_fitted_reference(kidney: CaseResult) -> None:
     table = state_table(kidney)
@@ -284,3 +286,11 @@ def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:
     assert all(len(value) < 300 for value in own.values())
     assert provenance_rows({}) == []
     assert json.loads(record_text(kidney.provenance)) == for_json(kidney.provenance)
+
+
+@pytest.mark.parametrize("path", sorted(TEMPLATES.glob("*.j2")), ids=lambda path: path.stem)
+def test_what_scrolls_is_reached_by_keys_and_pages_have_their_landmark(path: Path) -> None:
+    text = path.read_text("utf-8")
+    scrolling = re.findall(r"<\w+[^>]*class=\"scroll\"[^>]*>", text)
+    assert [tag for tag in scrolling if 'tabindex="0"' not in tag] == []
+    assert ("<body" in text) == ("<main" in text)
