@@ -254,7 +254,7 @@ LINES = {
         "degree 2 to 1; issue 38: the way of a tool to a pose that is held",
     ),
     "validation": (
-        51280,
+        51450,
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners, calibration; "
         "issue 40: history of released versions, "
@@ -263,7 +263,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        61690,
+        61790,
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
         "mutants of the judge; "
@@ -308,7 +308,7 @@ LINES = {
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
     "validation/peers": (
-        7645,
+        7720,
         "issue 40: released versions, three more simulators, XPBD, FEBio, SOFA and Drake; work "
         "against precision of press and strip; contact of others",
     ),

@@ -36,7 +36,7 @@ class Balls:
         """`fixed` are joints that contact may not move, either, (num_joints,)."""
         self._tools, self._is_motion = job["tools"], "output_times" in job
         self._model, self._data = model, data
-        self._carried: list[Any] = []  # in each step since the last output
+        self._carried: list[Any] = []  # in each of the last steps
         self._means = [np.zeros((len(self._tools), 3))]
         model.dof_M0[fixed] *= _IMMOVABLE
 
@@ -50,10 +50,10 @@ class Balls:
         if self._is_motion:
             self._carried.append(self.forces())
 
-    def note_output(self) -> None:
-        """Take the mean of what the tools bore since the output before."""
+    def note_output(self, interval: int) -> None:
+        """Take the mean of what the tools bore in the last so many steps."""
+        self._carried = self._carried[-interval:]
         self._means.append(np.mean(self._carried, axis=0))
-        self._carried.clear()
 
     def found(self) -> dict[str, Any]:
         """What the contacts carry: at rest, or means in motion; and how deep the tools sank in."""
