@@ -334,9 +334,6 @@ class Stepped(ABC):
     def step(self, part: float = 1.0) -> None:
         """Take a step, with supports and tools at this fraction of their displacement."""
 
-    def note_output(self, interval: int) -> None:  # noqa: B027
-        """Called in motion after each step that is sent; an output's interval has so many steps."""
-
     @abstractmethod
     def velocity(self) -> Any:
         """The array of velocities, which may be written to [m/s]."""
@@ -375,14 +372,11 @@ class Stepped(ABC):
         outputs nor reads between its steps by itself, which is left to the judge.
         """
         self.time_step = self.time_step / int(self.job.get("substeps", 1))
-        times = self.job["output_times"]
-        sent = steps_to_send(times, self.time_step)
-        interval = max(1, round(float(times[1] - times[0]) / self.time_step))
+        sent = steps_to_send(self.job["output_times"], self.time_step)
         states = {0: self.displacement()}
         for number in range(1, max(sent) + 1):
             self.step()
             if number in sent:
-                self.note_output(interval)
                 states[number] = self.displacement()
                 if not np.isfinite(states[number]).all():
                     raise SystemExit(f"the motion blew up by {sent[number]:.4g} s")

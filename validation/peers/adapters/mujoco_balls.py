@@ -34,33 +34,40 @@ class Balls:
 
     def __init__(self, job: dict[str, Any], model: Any, data: Any, fixed: Any) -> None:
         """`fixed` are joints that contact may not move, either, (num_joints,)."""
-        self._tools, self._is_motion = job["tools"], "output_times" in job
+        self._tools, self._outputs = job["tools"], job.get("output_times")
         self._model, self._data = model, data
-        self._carried: list[Any] = []  # in each of the last steps
-        self._means = [np.zeros((len(self._tools), 3))]
+        self._carried: list[Any] = []  # in each step of a motion
         model.dof_M0[fixed] *= _IMMOVABLE
 
     def step(self, part: float) -> None:
         """Take a step, in statics with the tools at this fraction of their paths."""
         for number, tool in enumerate(self._tools):
             first, last = (tool["path"]["times"][k] for k in (0, -1))
-            then = self._data.time if self._is_motion else first + part * (last - first)
+            at_rest = first + part * (last - first)
+            then = at_rest if self._outputs is None else self._data.time
             self._data.mocap_pos[number] = place_of(tool, then)
         mujoco.mj_step(self._model, self._data)
-        if self._is_motion:
+        if self._outputs is not None:
             self._carried.append(self.forces())
-
-    def note_output(self, interval: int) -> None:
-        """Take the mean of what the tools bore in the last so many steps."""
-        self._carried = self._carried[-interval:]
-        self._means.append(np.mean(self._carried, axis=0))
 
     def found(self) -> dict[str, Any]:
         """What the contacts carry: at rest, or means in motion; and how deep the tools sank in."""
         mujoco.mj_forward(self._model, self._data)
         depth = max([0.0, *(-self._data.contact.dist)])
-        forces = np.array(self._means).transpose(1, 0, 2) if self._is_motion else self.forces()
+        forces = self.forces() if self._outputs is None else self._means(self._outputs)
         return {"tool_forces": forces.tolist(), "penetration": depth}
+
+    def _means(self, outputs: Any) -> Any:
+        """Mean forces since the output before, also where steps do not divide the outputs [N].
+
+        (num_tools, num_outputs, 3), the first of them 0.
+        """
+        carried = np.array(self._carried).reshape(len(self._carried), -1)
+        impulse = np.vstack([np.zeros(carried.shape[1]), carried.cumsum(axis=0)])
+        steps = np.array(outputs) / self._model.opt.timestep
+        at = [np.interp(steps, np.arange(len(impulse)), column) for column in impulse.T]
+        means = np.diff(at, axis=1, prepend=0.0) / np.diff(steps, prepend=-1.0)
+        return means.reshape(len(self._tools), 3, -1).transpose(0, 2, 1)
 
     def forces(self) -> Any:
         """Force on each tool [N], (num_tools, 3): the sum over its contacts, in the world's frame.

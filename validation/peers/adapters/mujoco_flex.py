@@ -183,11 +183,6 @@ class Loaded(Flex, Stepped):  # type: ignore[misc]
         says: dict[str, Any] = super().advance(num_steps)
         return says if self.balls is None else says | self.balls.found()
 
-    def note_output(self, interval: int) -> None:
-        """Note what the contacts bear."""
-        if self.balls is not None:
-            self.balls.note_output(interval)
-
     def velocity(self) -> Any:
         """Velocities of the free points' components."""
         return self.data.qvel
