@@ -29,6 +29,8 @@ from palpate.reference.supports import NodeFrames
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
 LARGEST_DIRECT = 15_000
+# With tools: multigrid for a force on one leaves `press` without an error bar of the force.
+LARGEST_DIRECT_WITH_CONTACT = 150_000
 # Up to this size a matrix for which multigrid fails is factored instead: about 3 GB.
 LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
@@ -132,7 +134,8 @@ class LinearSolver:
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
         self._num_multipliers = num_multipliers
-        is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
+        most = LARGEST_DIRECT_WITH_CONTACT if has_contact else LARGEST_DIRECT
+        is_small = is_always_direct or 3 * num_nodes < most
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
