@@ -40,7 +40,7 @@ class Firefox:
         self._context = tree["contexts"][0]["context"]
 
     def ask(self, method: str, **words: Any) -> dict[str, Any]:
-        """Give a command and wait for its result; what the page logs as an error is kept.
+        """Give a command and wait for its result; what the page logs as an error is recorded.
 
         Raises:
             RuntimeError: The browser refused it.

@@ -128,7 +128,7 @@ class Radial:
         return found
 
     def slope(self, q: Floats, r: Floats, R: Floats) -> Floats:
-        """r' of q by Newton's method, from the volume that is kept."""
+        """r' of q by Newton's method, from the constant volume."""
         wanted, a = q / R**self.k, (R / r) ** self.k
         for _ in range(60):
             left = wanted - self.along(a, r, R)

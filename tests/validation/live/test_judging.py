@@ -117,9 +117,9 @@ def test_progress_is_in_words_and_a_part_of_the_longest_wait(
     line: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     notes = said(f"print({line!r}, flush=True)", tmp_path, monkeypatch)
-    told = [note for note in notes if note["kind"] == "progress"]
-    assert words in [note["text"].removeprefix(f"{verdict.ASKED[verdict.TRUTH]} ") for note in told]
-    assert all(0.0 <= note["share"] < 0.5 for note in told)
+    seen = [note for note in notes if note["kind"] == "progress"]
+    assert words in [note["text"].removeprefix(f"{verdict.ASKED[verdict.TRUTH]} ") for note in seen]
+    assert all(0.0 <= note["share"] < 0.5 for note in seen)
 
 
 def test_both_verdicts_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
