@@ -193,8 +193,9 @@ def test_a_tool_is_drawn_where_it_is(
 def test_a_hostile_case_does_no_harm(browser: Any, kidney: CaseResult, tmp_path: Path) -> None:
     hostile = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
     states = tuple(dataclasses.replace(s, label=hostile + s.label) for s in kidney.states)
+    text = f"# {hostile}\n{kidney.case_text}"
     result = dataclasses.replace(
-        kidney, title=hostile, states=states, notes=(hostile,), case_text=hostile,
+        kidney, title=hostile, states=states, notes=(hostile,), case_text=text,
         evidence={"question": hostile, "context_of_use": hostile},
     )  # fmt: skip
     open_page(browser, html.write_report([result], tmp_path))
