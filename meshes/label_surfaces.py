@@ -5,7 +5,9 @@ Gibson, S. F. F., *Constrained elastic surface nets*, MICCAI 1998; here `vtkSurf
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +15,13 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.label_images import LabelImage
+from palpate.meshes.shapes import flip_to_delaunay
 
 _BLOCK = [(a, b, c) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
 _ITERATIONS = 16
+# Rounds of steps towards the walls of a finer image, and steps between flips of edges.
+_ROUNDS = 3
+_STEPS = 4
 # Passes over blocks of voxels that touch at edges or corners alone; 1 to 6 are needed.
 _MOST_PASSES = 60
 
@@ -25,27 +31,61 @@ class LabelSurfaces:
     """Walls around and between labels.
 
     Attributes:
-        points: [mm], shape (num_points, 3).
-        corners: Where they are without smoothing, on the voxels' corners [mm], same shape.
+        corners: Points on the voxels' corners [mm], shape (num_points, 3).
+        smooth: Where smoothing moves them [mm], same shape.
         facets: Shape (num_facets, 3); normals point out of the first label into the second.
         sides: The two labels of each facet, shape (num_facets, 2); 0 is outside.
+        volumes: Of the labels, by label [mm3].
+        most: Largest distance of a point from its corner [mm].
     """
 
-    points: Points
     corners: Points
+    smooth: Points
     facets: Indices
     sides: NDArray[np.int32]
+    volumes: Mapping[int, float]
+    most: float
 
     def around(self, label: int) -> Indices:
         """Facets around one label, outward."""
         first, second = (self.facets[self.sides[:, k] == label] for k in (0, 1))
         return np.vstack([first, second[:, ::-1]])
 
-    def volume(self, label: int, points: Points | None = None) -> float:
-        """Volume within a label's facets [mm3]."""
-        at = self.points if points is None else points
-        a, b, c = (at[self.around(label)] - at[0]).transpose(1, 0, 2)
+    def volume(self, label: int, points: Points) -> float:
+        """Volume within a label's facets [mm3], with these points."""
+        a, b, c = (points[self.around(label)] - points[0]).transpose(1, 0, 2)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    def smoothed(self, part: NDArray[np.float64]) -> Points:
+        """Points with a part of the smoothing, and their labels' volumes restored.
+
+        Args:
+            part: Of each point from 0, its corner, to 1, shape (num_points,); no point moves
+                farther from its corner than its part of `most`.
+
+        Returns:
+            Moved as little as gives labels their volumes, shape (num_points, 3) [mm].
+        """
+        labels, most = list(self.volumes), self.most * part[:, None]
+        points = self.corners + part[:, None] * (self.smooth - self.corners)
+        for _ in range(4):
+            missing = [self.volumes[label] - self.volume(label, points) for label in labels]
+            slopes = []
+            for label in labels:
+                facets = self.around(label)
+                a, b, c = points[facets].transpose(1, 0, 2)
+                area = np.cross(b - a, c - a) / 6.0
+                slope = np.zeros_like(points)
+                for corner in facets.T:
+                    for axis in range(3):
+                        slope[:, axis] += np.bincount(corner, area[:, axis], len(points))
+                slopes.append((slope * part[:, None]).ravel())
+            matrix = np.array(slopes)
+            steps = np.linalg.lstsq(matrix @ matrix.T, missing, rcond=None)[0] @ matrix
+            moved = points + steps.reshape(-1, 3) - self.corners
+            lengths = np.linalg.norm(moved, axis=1, keepdims=True)
+            points = self.corners + moved * np.minimum(1.0, most / np.maximum(lengths, 1e-300))
+        return points
 
 
 def separate_touching(labels: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
@@ -136,13 +176,15 @@ def _change_one(work: NDArray[np.int32], at: tuple[int, ...], table: NDArray[np.
         work[best[1]] = best[2]
 
 
-def make_surfaces(image: LabelImage, *, smoothing: float = 1.0) -> LabelSurfaces:
-    """Walls of all labels but 0, smoothed with their volumes preserved.
+def make_surfaces(image: LabelImage, fine: LabelImage | None = None) -> LabelSurfaces:
+    """Walls of all labels but 0.
 
     Args:
         image: Labels that touch themselves over faces alone; see `separate_touching`.
-        smoothing: From 0, the voxels' faces, to 1; no point moves by more than that times half of
-            the shortest edge of a voxel.
+        fine: The image with finer voxels that this one was made of. Points then go to its walls,
+            by at most the shortest edge of a coarse voxel, volumes are its, and facets are those
+            of good angles there, which may cut each other with less smoothing. Otherwise points
+            move by at most half of the shortest edge.
 
     Raises:
         InputError: vtk is not installed.
@@ -178,40 +220,138 @@ def make_surfaces(image: LabelImage, *, smoothing: float = 1.0) -> LabelSurfaces
     smooth = vtk_to_numpy(output.GetPoints().GetData()).astype(float)
     triangles = vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     sides = vtk_to_numpy(output.GetCellData().GetArray("BoundaryLabels")).astype(np.int32)
-    points = corners + smoothing * (smooth - corners)
-    found = LabelSurfaces(points, corners, triangles.astype(np.int32), sides)
+    axes = image.affine[:3, :3] / image.spacing
+    origin = (image.affine @ [-1.0, -1.0, -1.0, 1.0])[:3]
+    corners, smooth = (at @ axes.T + origin for at in (corners, smooth))
+    most = 0.5 * float(image.spacing.min())
+    found = LabelSurfaces(corners, smooth, triangles.astype(np.int32), sides, {}, most)
     if found.volume(present[0], corners) < 0.0:
-        found = LabelSurfaces(points, corners, found.facets[:, ::-1].copy(), sides)
-    if smoothing > 0.0:
-        points = _with_volumes(found, present, smoothing * 0.5 * float(image.spacing.min()))
-    place = image.affine[:3, :3] / image.spacing
-    origin = image.affine @ [-1.0, -1.0, -1.0, 1.0]
-    facets = found.facets if np.linalg.det(place) > 0 else found.facets[:, ::-1].copy()
-    moved, unmoved = (at @ place.T + origin[:3] for at in (points, corners))
-    return LabelSurfaces(moved, unmoved, facets, sides)
+        found = replace(found, facets=found.facets[:, ::-1].copy())
+    if fine is None:
+        return replace(found, volumes={label: found.volume(label, corners) for label in present})
+    voxel = float(np.prod(fine.spacing))
+    smooth, facets = _onto_walls(found, fine, most)
+    return replace(
+        found,
+        smooth=smooth,
+        facets=facets,
+        volumes={label: float((fine.labels == label).sum()) * voxel for label in present},
+        most=2.0 * most,
+    )
 
 
-def _with_volumes(found: LabelSurfaces, present: list[int], most: float) -> Points:
-    """Points moved as little as restores labels' volumes, at most so far from the corners [mm]."""
-    wanted = np.array([found.volume(label, found.corners) for label in present])
-    points = found.points.copy()
-    for _ in range(4):
-        missing = wanted - [found.volume(label, points) for label in present]
-        slopes = []
-        for label in present:
-            facets = found.around(label)
-            a, b, c = points[facets].transpose(1, 0, 2)
-            area = np.cross(b - a, c - a) / 6.0
-            slope = np.zeros_like(points)
-            for corner in facets.T:
-                for axis in range(3):
-                    slope[:, axis] += np.bincount(corner, area[:, axis], len(points))
-            slopes.append(slope.ravel())
-        matrix = np.array(slopes)
-        points += (np.linalg.lstsq(matrix @ matrix.T, missing, rcond=None)[0] @ matrix).reshape(
-            -1, 3
-        )
-        moved = points - found.corners
-        lengths = np.linalg.norm(moved, axis=1, keepdims=True)
-        points = found.corners + moved * np.minimum(1.0, most / np.maximum(lengths, most * 1e-9))
-    return points
+def _onto_walls(found: LabelSurfaces, fine: LabelImage, width: float) -> tuple[Points, Indices]:
+    """Points on the walls of a finer image, evenly spread along them, and Delaunay facets.
+
+    A wall is where the signed distances from its labels, smoothed by a Gaussian against the
+    voxels' steps, are equal; where three labels meet, three are. Newton's steps of least length
+    lead there, and steps towards the neighbours' middle along the wall go between them.
+
+    Args:
+        found: Walls of the coarser voxels.
+        fine: The finer image.
+        width: Longest step, and twice the Gaussian's standard deviation [mm].
+    """
+    from scipy import ndimage
+
+    reach = int(np.ceil(4.0 * width / fine.spacing.min()))
+    names = np.unique(found.sides)
+    labels = np.pad(fine.labels, reach)
+    points, facets = found.smooth.copy(), found.facets
+    touches = np.zeros((len(points), len(names)), dtype=bool)
+    for column in np.searchsorted(names, found.sides).T:
+        touches[facets, column[:, None]] = True
+    patches = np.unique(found.sides, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+    deviation = max(0.5 * width, 0.8 * float(fine.spacing.max())) / fine.spacing
+    fields = [
+        ndimage.gaussian_filter(_signed_distance(labels == name, fine.spacing), deviation)
+        for name in names
+    ]
+    for _ in range(_ROUNDS):
+        middle = _middles(facets, touches.sum(axis=1))
+        for _ in range(_STEPS):
+            step, across = _to_walls(points, fields, touches, fine, reach, width)
+            towards = middle @ points - points
+            points += step + 0.5 * (towards - np.einsum("nij,nj->ni", across, towards))
+        facets = flip_to_delaunay(points, facets, patches=patches)
+    for _ in range(_STEPS):
+        points += _to_walls(points, fields, touches, fine, reach, width)[0]
+    return points, facets
+
+
+def _signed_distance(mask: NDArray[np.bool_], spacing: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Distance to the mask's boundary [mm], above 0 within it, from voxels' middles."""
+    from scipy import ndimage
+
+    within, beyond = (
+        ndimage.distance_transform_edt(side, sampling=spacing) for side in (mask, ~mask)
+    )
+    signed: NDArray[np.float32] = (within - beyond).astype(np.float32)
+    return signed
+
+
+def _middles(facets: Indices, count: Indices) -> Any:
+    """Sparse matrix that gives the mean of the neighbours of each point, shape (n, n).
+
+    Along a line where three labels meet, the neighbours are those on the line.
+    """
+    from scipy import sparse
+
+    number = len(count)
+    rows, cols = facets.ravel(), facets[:, [1, 2, 0]].ravel()
+    rows, cols = np.concatenate([rows, cols]), np.concatenate([cols, rows])
+    used = count[cols] >= count[rows]
+    matrix = sparse.csr_matrix((np.ones(used.sum()), (rows[used], cols[used])), (number, number))
+    matrix.data[:] = 1.0
+    degree = np.asarray(matrix.sum(axis=1)).ravel()
+    alone = sparse.diags((degree == 0.0).astype(float))
+    return sparse.diags(1.0 / np.maximum(degree, 1.0)) @ matrix + alone
+
+
+def _to_walls(
+    points: Points,
+    fields: list[NDArray[np.float32]],
+    touches: NDArray[np.bool_],
+    fine: LabelImage,
+    padding: int,
+    longest: float,
+) -> tuple[Points, NDArray[np.float64]]:
+    """Newton's steps to where the fields of the labels that meet at each point are equal.
+
+    Args:
+        points: Shape (n, 3) [mm].
+        fields: Signed distances of the labels, by voxel.
+        touches: Labels that meet at each point, shape (n, num_labels).
+        fine: Where voxels are.
+        padding: Voxels before the first of the image.
+        longest: Longest step [mm].
+
+    Returns:
+        The steps, shape (n, 3), and the projection onto the directions across the walls, (n, 3, 3).
+    """
+    from scipy import ndimage
+
+    to_voxels = np.linalg.inv(fine.affine)
+    at = (points @ to_voxels[:3, :3].T + to_voxels[:3, 3] + padding).T
+    values = np.array([ndimage.map_coordinates(field, at, order=1) for field in fields])
+    slopes = np.empty((len(fields), len(points), 3))
+    for axis in range(3):
+        half = np.zeros((3, 1))
+        half[axis] = 0.5
+        for k, field in enumerate(fields):
+            high, low = (
+                ndimage.map_coordinates(field, at + s * half, order=1) for s in (1.0, -1.0)
+            )
+            slopes[k, :, axis] = high - low
+    slopes = slopes @ to_voxels[:3, :3]
+    # Each label against the mean of those that meet at a point.
+    share = touches / touches.sum(axis=1, keepdims=True)
+    weights = touches.T.astype(float)
+    residual = weights * (values - np.einsum("kn,nk->n", values, share))
+    rise = weights[:, :, None] * (slopes - np.einsum("kni,nk->ni", slopes, share))
+    jacobian = rise.transpose(1, 0, 2)
+    inverse = np.linalg.pinv(jacobian, rcond=0.1)
+    step = -np.einsum("nik,kn->ni", inverse, residual)
+    lengths = np.linalg.norm(step, axis=1, keepdims=True)
+    step *= np.minimum(1.0, longest / np.maximum(lengths, 1e-9 * longest))
+    return step, inverse @ jacobian

@@ -204,22 +204,40 @@ def stitch_rings(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> list[lis
     return facets
 
 
-def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> Indices:
+def flip_to_delaunay(
+    points: Points, facets: Indices, max_passes: int = 20, patches: Indices | None = None
+) -> Indices:
     """Flip edges whose two opposite angles sum to more than pi, until none is left.
 
     Raises the smallest angles; the surface stays closed, and no edge is made twice.
+
+    Args:
+        points: Shape (num_points, 3).
+        facets: Shape (num_facets, 3).
+        max_passes: Most passes over all edges.
+        patches: Number of each facet's patch, shape (num_facets,): edges between patches stay, and
+            patches may meet at an edge. All are one closed surface where not given.
+
+    Returns:
+        The facets in their order, shape (num_facets, 3).
     """
     triangles = facets.astype(np.int64).copy()
+    patch = np.zeros(len(facets), dtype=np.int64) if patches is None else patches
     for _ in range(max_passes):
         directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        number_of = {(int(a), int(b)): k for k, (a, b) in enumerate(directed)}
+        owner = np.repeat(patch, 3)
+        number_of = {
+            (int(p), int(a), int(b)): k
+            for k, (p, (a, b)) in enumerate(zip(owner, directed, strict=True))
+        }
+        there = {(int(a), int(b)) for a, b in np.sort(directed, axis=1)}
         cosines = _corner_cosines(points, triangles)
         touched = np.zeros(len(triangles), dtype=bool)
         flipped = 0
-        for (a, b), k in number_of.items():
-            if a > b:
+        for (p, a, b), k in number_of.items():
+            opposite = number_of.get((p, b, a))
+            if a > b or opposite is None:
                 continue
-            opposite = number_of[(b, a)]
             (s, side), (t, other) = divmod(k, 3), divmod(opposite, 3)
             if touched[s] or touched[t]:
                 continue
@@ -228,10 +246,11 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
                 continue
             c = int(triangles[s, (side + 2) % 3])
             d = int(triangles[t, (other + 2) % 3])
-            if (c, d) in number_of or (d, c) in number_of:
+            if (min(c, d), max(c, d)) in there:
                 continue
             triangles[s] = (c, a, d)
             triangles[t] = (d, b, c)
+            there.add((min(c, d), max(c, d)))
             touched[s] = touched[t] = True
             flipped += 1
         if flipped == 0:

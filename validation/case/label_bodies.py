@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,15 @@ from palpate.fastsim.mesher import (
 from palpate.fastsim.nested_bodies import mesh_regions
 from palpate.fastsim.surface_remesher import require_no_self_intersection
 from palpate.meshes.errors import InputError
-from palpate.meshes.label_images import LabelImage, choose_labels
+from palpate.meshes.label_images import LabelImage, choose_labels, coarsen
 from palpate.meshes.label_surfaces import LabelSurfaces, make_surfaces, separate_touching
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
 
 # Largest change of a label's volume, asked for by those who measure organs.
 MOST_CHANGE = 0.01
-# The strongest smoothing first; 0 is the voxels' faces, which never cut each other.
-_SMOOTHING = (1.0, 0.6, 0.3, 0.0)
+# With ever less smoothing where walls would cut each other.
+_ATTEMPTS = 5
 _METRES = 1e-3
 
 
@@ -36,8 +37,8 @@ class LabelVolumeError(InputError):
         self.name, self.change = name, change
         super().__init__(
             f"label {name}: its volume would change by {100 * change:.2g} %, more than "
-            f"{100 * MOST_CHANGE:g} %: it is too small or too thin for its voxels; resample the "
-            "image to finer ones (nearest neighbour)"
+            f"{100 * MOST_CHANGE:g} %: it is too small or too thin for its voxels; use finer ones "
+            "(a smaller --voxel-edge, or resample the image by nearest neighbour)"
         )
 
 
@@ -46,6 +47,7 @@ def mesh_labels(
     names: Mapping[int, str],
     *,
     smallest_island: int = 27,
+    voxel_edge: float | None = None,
     uniform: bool = False,
     time_left: Callable[[], float | None] = lambda: None,
     progress: Callable[[str], None],
@@ -56,6 +58,8 @@ def mesh_labels(
         image: The image [mm].
         names: Of labels, by number; each is a group of cells.
         smallest_island: Loose parts of a label with fewer voxels are said.
+        voxel_edge: Edge of the voxels that walls are made of [mm], for coarser meshes; the image's
+            where not given. Volumes stay those of the image.
         uniform: Cells as fine inside as the walls; otherwise they grow inwards.
         time_left: Seconds that are left, or None.
         progress: Called with what is done, and what is to be known of the labels.
@@ -75,37 +79,64 @@ def mesh_labels(
     cropped = chosen.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     affine = chosen.affine.copy()
     affine[:3, 3] += affine[:3, :3] @ low
-    labels, changed = separate_touching(cropped)
+    voxel = float(np.prod(chosen.spacing))
+    volumes = {label: float((cropped == label).sum()) * voxel for label in names}
+    given = LabelImage(cropped, affine, image.path)
+    fine = None
+    coarse = given if voxel_edge is None else coarsen(given, voxel_edge)
+    if coarse is not given:
+        fine, given = given, coarse
+        size = " x ".join(f"{x:.3g}" for x in given.spacing)
+        progress(f"walls of voxels of {size} mm, each of the label that fills most of it")
+    labels, changed = separate_touching(given.labels)
     if changed:
         progress(f"{changed} voxel(s) changed where a label touched itself at edges or corners")
-    clean = LabelImage(labels, affine, image.path)
-    for smoothing in _SMOOTHING:
-        surfaces = make_surfaces(clean, smoothing=smoothing)
-        for label, name in names.items():
-            _refuse_change(cropped, label, name, surfaces, float(np.prod(clean.spacing)))
-        farthest = float(np.linalg.norm(surfaces.points - surfaces.corners, axis=1).max())
-        points = np.ascontiguousarray(surfaces.points * _METRES)
+    clean = LabelImage(labels, given.affine, image.path)
+
+    def make(region: TriSurface, report: Callable[[MeshingReport], None]) -> TetMesh:
+        return mesh_surface(
+            region,
+            interior=Interior.UNIFORM if uniform else Interior.GRADED,
+            time_limit=time_left(),
+            progress=progress,
+            report=report,
+        )
+
+    def attempt(surfaces: LabelSurfaces, part: NDArray[np.float64]) -> TetMesh | None:
+        """Mesh with a part of the smoothing; None where there is none, and the part is less."""
+        placed = surfaces.smoothed(part)
+        points = np.ascontiguousarray(placed * _METRES)
         try:
             require_no_self_intersection(points, np.ascontiguousarray(surfaces.facets), most=1000)
-        except SelfIntersectionError:
-            progress(f"smoothing {smoothing:g}: walls would cut each other; less of it")
-            continue
+        except SelfIntersectionError as error:
+            where = np.unique(surfaces.facets[np.unique(error.pairs)])
+            progress(f"less smoothing of {len(where)} point(s), where walls would cut each other")
+            part[where] *= 0.5
+            return None
+        for label, name in names.items():
+            _refuse_change(name, surfaces.volume(label, placed), volumes[label])
+        farthest = float(np.linalg.norm(placed - surfaces.corners, axis=1).max())
         progress(f"{len(surfaces.facets)} facets, at most {farthest:.3g} mm from the voxels' faces")
-        regions = {name: surfaces.around(label) for label, name in names.items()}
-
-        def make(region: TriSurface, report: Callable[[MeshingReport], None]) -> TetMesh:
-            return mesh_surface(
-                region,
-                interior=Interior.UNIFORM if uniform else Interior.GRADED,
-                time_limit=time_left(),
-                progress=progress,
-                report=report,
-            )
-
         try:
+            regions = {name: surfaces.around(label) for label, name in names.items()}
             return mesh_regions(points, regions, make=make)
         except (BoundaryRecoveryError, FlatCellError) as error:
-            progress(f"smoothing {smoothing:g}: {error}; less of it")
+            progress(f"less smoothing: {error}")
+            part *= 0.5
+            return None
+
+    for of in (None,) if fine is None else (fine, None):
+        surfaces = make_surfaces(clean, of)
+        if fine is not None:
+            surfaces = replace(surfaces, volumes=volumes)
+        part = np.ones(len(surfaces.corners))
+        for _ in range(_ATTEMPTS):
+            mesh = attempt(surfaces, part)
+            if mesh is not None:
+                return mesh
+    mesh = attempt(surfaces, 0.0 * part)  # the voxels' faces, which never cut each other
+    if mesh is not None:
+        return mesh
     raise InputError(
         f"{image.path}: no mesh, with or without smoothing; resample it to finer voxels"
     )
@@ -146,10 +177,7 @@ def _remarks(image: LabelImage, label: int, smallest_island: int) -> Iterator[st
         yield f"{thin} voxel(s) in walls thinner than two voxels, which one layer of cells fills"
 
 
-def _refuse_change(
-    labels: NDArray[np.int32], label: int, name: str, surfaces: LabelSurfaces, voxel: float
-) -> None:
-    wanted = float((labels == label).sum()) * voxel
-    change = abs(surfaces.volume(label) - wanted) / wanted
+def _refuse_change(name: str, volume: float, wanted: float) -> None:
+    change = abs(volume - wanted) / wanted
     if change > MOST_CHANGE:
         raise LabelVolumeError(name, change)

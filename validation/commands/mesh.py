@@ -34,7 +34,7 @@ class Mesher(StrEnum):
 
 
 def mesh(
-    surface: Annotated[str, typer.Argument(help="surface file, label image, or kidney")],
+    surface: Annotated[str, typer.Argument(help="surface file, label image, kidney or phantom")],
     output: Annotated[Path, typer.Option("--output", "-o", help=".vtu, .vtk or .msh")],
     size: Annotated[
         float | None, typer.Option(help="largest edge length inside, in the file's unit")
@@ -74,6 +74,10 @@ def mesh(
     smallest_island: Annotated[
         int, typer.Option(help="loose parts of a label with fewer voxels are named")
     ] = 27,
+    voxel_edge: Annotated[
+        float | None,
+        typer.Option(help="edge of the voxels that walls of labels are made of, in mm"),
+    ] = None,
     time_limit: Annotated[
         float | None, typer.Option(help="seconds, after which there is an error and no file")
     ] = None,
@@ -108,7 +112,7 @@ def mesh(
     from palpate.validation.commands.mesh_labels import mesh_label_image
     from palpate.validation.output_files import require_outputs
 
-    if is_label_image(surface) or label:
+    if is_label_image(surface) or surface == "phantom" or label:
         others = {
             "--size": size, "--repair": repair or None, "--wrap": wrap, "--free": free,
             "--inclusion": inclusion, "--material": material, "--target-step": target_step,
@@ -121,9 +125,12 @@ def mesh(
                 "positions are in mm, the walls stay as they are, by fastsim's mesher"
             )
         mesh_label_image(
-            surface, output, label or [], smallest_island, uniform, time_limit, force=force
-        )
+            surface, output, label or [], smallest_island, voxel_edge, uniform, time_limit,
+            force=force,
+        )  # fmt: skip
         return
+    if voxel_edge is not None:
+        raise InputError("--voxel-edge goes with a label image; --size says how large cells are")
     if unit not in LENGTH:
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:

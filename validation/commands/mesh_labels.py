@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ def mesh_label_image(
     output: Path,
     labels: list[str],
     smallest_island: int,
+    voxel_edge: float | None,
     uniform: bool,
     time_limit: float | None,
     *,
@@ -25,23 +27,34 @@ def mesh_label_image(
 ) -> None:
     """Mesh labels of an image, in mm, and print their volumes."""
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
-    from palpate.meshes.label_images import SUFFIXES, is_label_image, read_labels
+    from palpate.meshes.label_images import (
+        PHANTOM,
+        SUFFIXES,
+        is_label_image,
+        make_phantom,
+        read_labels,
+    )
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh, signed_volumes
     from palpate.validation.case.label_bodies import mesh_labels
+    from palpate.validation.case.units import Units
     from palpate.validation.output_files import require_outputs
 
     began = time.monotonic()
-    if not is_label_image(image):
+    is_phantom = image == "phantom"
+    if not (is_phantom or is_label_image(image)):
         raise InputError(f"{image}: --label needs a label image: {', '.join(SUFFIXES)}")
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
     if time_limit is not None and not time_limit > 0.0:
         raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")
-    names = parse_labels(labels)
-    require_outputs({"--output": output}, inputs=[image], force=force)
-    read = read_labels(image)
-    say = progress_lines()
+    if voxel_edge is not None and not (math.isfinite(voxel_edge) and voxel_edge > 0.0):
+        raise InputError(f"--voxel-edge {voxel_edge:g}: needs a finite value above 0")
+    names = PHANTOM if is_phantom and not labels else parse_labels(labels)
+    inputs = [] if is_phantom else [image]
+    require_outputs({"--output": output}, inputs=inputs, force=force)
+    read = make_phantom() if is_phantom else read_labels(image)
+    say, units = progress_lines(), Units.model_validate({"length": "mm"})
     say(f"{image}: {read.line()}")
 
     def time_left() -> float | None:
@@ -51,9 +64,10 @@ def mesh_label_image(
         read,
         names,
         smallest_island=smallest_island,
+        voxel_edge=voxel_edge,
         uniform=uniform,
         time_left=time_left,
-        progress=say,
+        progress=lambda line: say(units.in_case_units(line)),
     )
     scaled = TetMesh(mesh.points * 1e3, mesh.cells, cell_groups=mesh.cell_groups)
     write_mesh(output, scaled, groups=True)

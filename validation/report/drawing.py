@@ -30,6 +30,8 @@ _ABOVE = np.array([0.0, 0.0, 0.6])
 _SHADE = 0.62
 # More facets than this are drawn as pixels in a vector figure, which else takes megabytes.
 _MOST_FACETS = 20_000
+# Characters of a legend that fit under one view, and those that the patch of a colour takes.
+_CHARACTERS, _HANDLE = 60, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,11 @@ def _figure(views: Sequence[View], size: _Size) -> Figure:
     words = [entry for view in views for entry in view.legend]
     if words:
         handles = [patches.Patch(color=colour, label=label) for label, colour in words]
-        figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False)
+        written = sum(len(label) + _HANDLE for label, _ in words)
+        rows = -(-written // (_CHARACTERS * len(views)))
+        figure.legend(
+            handles=handles, loc="lower center", ncols=-(-len(handles) // rows), frameon=False
+        )
     return figure
 
 

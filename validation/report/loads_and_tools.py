@@ -250,7 +250,7 @@ def inclusions_of(problem: Problem) -> list[DrawnInclusion]:
 
 
 # Colours of inclusions in 3-D: unlike those of supports, loads, tools and of the scales.
-_INSIDE = ((0.48, 0.31, 0.64), (0.85, 0.42, 0.1), (0.1, 0.5, 0.45), (0.75, 0.2, 0.5))
+INSIDE = ((0.48, 0.31, 0.64), (0.85, 0.42, 0.1), (0.1, 0.5, 0.45), (0.75, 0.2, 0.5))
 
 
 def inclusion_names(problem: Problem, tables: Mapping[str, Any]) -> list[str]:
@@ -263,6 +263,24 @@ def inclusion_names(problem: Problem, tables: Mapping[str, Any]) -> list[str]:
         called = called or table.get("surface")
         names.append(f"inclusion {number}" if called is None else f"inclusion {called}")
     return names
+
+
+def inclusion_legend(
+    problem: Problem, units: Units, tables: Mapping[str, Any]
+) -> list[tuple[str, tuple[float, float, float]]]:
+    """Of each inclusion its name, modulus and volume in words, and its colour, red, green, blue."""
+    size, unit = units.of("stress")
+    length, of_length = units.of("length")
+    return [
+        (
+            f"{name}: E = {one.material.youngs_modulus / size:g} {unit}, "
+            f"{one.volume / length**3:.4g} {of_length}3",
+            INSIDE[k % len(INSIDE)],
+        )
+        for k, (one, name) in enumerate(
+            zip(inclusions_of(problem), inclusion_names(problem, tables), strict=True)
+        )
+    ]
 
 
 def inclusions_inside(
@@ -286,12 +304,7 @@ def inclusions_inside(
     inner: Indices = np.setdiff1d(drawn, used).astype(np.int32)
     row = np.full(problem.mesh.num_points, -1, dtype=np.int32)
     row[np.concatenate([used, inner])] = np.arange(len(used) + len(inner))
-    size, unit = units.of("stress")
+    legend = inclusion_legend(problem, units, tables)
     return inner, [
-        (
-            f"{name}: E = {one.material.youngs_modulus / size:g} {unit}, {one.num_cells} cells",
-            _INSIDE[k % len(_INSIDE)],
-            row[one.facets],
-        )
-        for k, (one, name) in enumerate(zip(found, inclusion_names(problem, tables), strict=True))
+        (words, colour, row[one.facets]) for one, (words, colour) in zip(found, legend, strict=True)
     ]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_hex
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.own_files import own_path
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.exchange.nodal_arrays import are_among
@@ -27,6 +30,7 @@ from palpate.validation.report.drawing import (
     GREEN,
     OCHRE,
     RED,
+    TAN,
     Marks,
     Surface,
     View,
@@ -35,18 +39,20 @@ from palpate.validation.report.drawing import (
     joined,
 )
 from palpate.validation.report.loads_and_tools import (
+    INSIDE,
     MOST_ARROWS,
     arrows_around,
+    inclusion_legend,
     inclusions_of,
     load_arrows,
     resultant_of,
     spring_arrows,
     tool_surface,
 )
-from palpate.validation.report.plots import PURPLE
 
 # Number of straight lines by which a path is drawn.
 _POSES = 60
+_CUT = (0.35, -1.0, 0.45)
 _SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
 # Opacity of surfaces that one sees through.
 _PALE = 0.35
@@ -69,8 +75,12 @@ def _case_views(case: Case) -> list[View]:
     marks, legend = _points_of_supports(problem, points), []
     if problem.supports:
         legend.append(("fixed", BLUE))
-    if problem.inclusions:
-        legend.append(("inclusion of another material, inside", PURPLE))
+    inside = [
+        (words, to_hex(colour))
+        for words, colour in inclusion_legend(problem, case.spec.units, parse_toml(case.text))
+    ]
+    if inside:
+        legend += [*inside, ("the rest of the body", TAN)]
     marks += _ways_of_supports(problem, points, scale)
     if any(support.normal is not None for support in problem.supports):
         legend.append(("arrows on it: fixed along these alone, it slides across them", BLUE))
@@ -97,16 +107,47 @@ def _case_views(case: Case) -> list[View]:
         surfaces += _tools(problem, scale, at_end=False)
         surfaces += _tools(problem, scale, at_end=True, opacity=1.0)
     size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
+    cut = [_cut_open(problem, points, [colour for _, colour in inside])] if inside else []
     return [
         View(f"{case.name}: {case.title}", surfaces, _SIDES[0], marks, unit, legend),
         View(f"{size} {unit}, from the other side and below", surfaces, _SIDES[1], marks),
+        *cut,
     ]
+
+
+def _cut_open(problem: Problem, points: Points, colours: Sequence[str]) -> View:
+    """The body without the cells before a plane, in the colours of its materials.
+
+    The plane goes through the middle of the smallest inclusion, across the viewing direction of
+    the first view.
+    """
+    mesh = problem.mesh
+    smallest = min(inclusions_of(problem), key=lambda one: one.volume)
+    middles = points[mesh.cells].mean(axis=1)
+    depth = middles @ np.array(_CUT)
+    behind = depth < float((points[np.unique(smallest.facets)] @ np.array(_CUT)).mean())
+    material = np.full(mesh.num_cells, -1)
+    for k, one in enumerate(problem.inclusions):
+        material[one.cells] = k
+    sides = mesh.cells[behind][:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
+    owner = np.repeat(material[behind], 4)
+    _, first, count = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    rows = first[count == 1]
+    surfaces = [
+        Surface(points, sides[rows[owner[rows] == k]], TAN if k < 0 else colours[k])
+        for k in range(-1, len(colours))
+        if (owner[rows] == k).any()
+    ]
+    return View("cut open", surfaces, _CUT)
 
 
 def _boundary(problem: Problem, points: Points) -> list[Surface]:
     """The body at rest, with fixed and loaded facets in their own colours.
 
-    Inclusions are seen through it: then it is pale.
+    Inclusions are seen through it: then it is pale. Where they are its boundary they have its
+    colours.
     """
     fixed = joined([support.facets for support in problem.supports])
     pushed = joined([getattr(by, "facets", None) for by in (*problem.springs, *problem.loads)])
@@ -114,7 +155,11 @@ def _boundary(problem: Problem, points: Points) -> list[Surface]:
     inside = inclusions_of(problem)
     if not inside:
         return body
-    inner = [Surface(points, one.facets, PURPLE) for one in inside]
+    outer = problem.mesh.boundary_facets
+    inner = [
+        Surface(points, one.facets[~are_among(one.facets, outer)], to_hex(INSIDE[k % len(INSIDE)]))
+        for k, one in enumerate(inside)
+    ]
     return [*(replace(part, opacity=_PALE) for part in body), *inner]
 
 
@@ -214,7 +259,7 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
     def around(moved: Points) -> list[Surface]:
         return [Surface(moved, fixed, BLUE, is_wireframe=True), *ended]
 
-    inside = ", purple: inclusion" if problem.inclusions else ""
+    inside = ", inside: other materials" if problem.inclusions else ""
     views = [
         View(
             f"original (blue: fixed, red: pushed{inside})",

@@ -18,6 +18,7 @@ from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
+from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
 from palpate.validation.exchange.nodal_arrays import are_among, facet_areas
@@ -30,7 +31,11 @@ from palpate.validation.report.estimates import (
     guess_errors,
     measure_thickness,
 )
-from palpate.validation.report.loads_and_tools import inclusions_of, resultant_of
+from palpate.validation.report.loads_and_tools import (
+    inclusion_names,
+    inclusions_of,
+    resultant_of,
+)
 from palpate.validation.solving import solve
 from palpate.validation.states import CandidateFailedError, State
 
@@ -79,7 +84,7 @@ def describe_case(case: Case) -> Description:
     problem, units, about = case.problem, case.spec.units, Description()
     about.say("case", f"{case.name}: {case.title}")
     _body(about, case, problem, units)
-    _material(about, problem, units)
+    _material(about, case, problem)
     _what_acts(about, case, problem)
     _costs(about, problem, units)
     _misses(about, case, problem)
@@ -159,18 +164,19 @@ def _body(about: Description, case: Case, problem: Problem, units: Units) -> Non
         )
 
 
-def _material(about: Description, problem: Problem, units: Units) -> None:
-    m = problem.material
+def _material(about: Description, case: Case, problem: Problem) -> None:
+    m, units = problem.material, case.spec.units
     modulus = m.youngs_modulus / units.pascals(1.0)
     about.say(
         "material",
         f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3",
     )
     scale = LENGTH[units.length] ** 3
-    for number, one in enumerate(inclusions_of(problem), 1):
+    names = inclusion_names(problem, parse_toml(case.text))
+    for name, one in zip(names, inclusions_of(problem), strict=True):
         modulus = one.material.youngs_modulus / units.pascals(1.0)
         about.say(
-            f"inclusion {number}",
+            name,
             f"{one.num_cells} cells, {one.volume / scale:.4g} {units.length}3 "
             f"({100.0 * one.part_of(problem.mesh):.2g} % of the body), E = {modulus:g} "
             f"{units.stress}, nu = {one.material.poissons_ratio:g}",
