@@ -23,8 +23,9 @@ SUFFIXES = (*NIFTI, ".nrrd", ".nhdr", ".mha", ".mhd")
 _MOST_VOXELS = 700**3
 # Cosine between two axes of voxels that are at right angles but for float32's rounding.
 _RIGHT_ANGLE = 1e-4
-# Labels of the phantom, by number.
+# Labels of the phantom by number, and that of what it is attached to.
 PHANTOM = {1: "liver", 2: "spleen", 3: "vessel", 4: "tumour"}
+PHANTOM_WALLS = {5: "spine"}
 _MILLIMETRES = {"mm": 1.0, "unknown": 1.0, "meter": 1000.0, "micron": 0.001}
 
 
@@ -148,7 +149,7 @@ def make_phantom(count: int = 96) -> LabelImage:
 
     An ellipsoid of 82 x 58 x 58 mm in a cube of 96 mm around the origin: liver where x < 2.4 mm,
     spleen beyond; the vessel, 14 mm thick, goes through the liver along z, and the tumour, a ball
-    of 19 mm, lies in the spleen.
+    of 19 mm, lies in the spleen. Where y < -14.4 mm there is the spine.
 
     Args:
         count: Voxels along each axis.
@@ -162,6 +163,7 @@ def make_phantom(count: int = 96) -> LabelImage:
     labels[is_left] = 1
     labels[is_left & ((x + 0.35) ** 2 + y**2 < 0.15**2)] = 3
     labels[(x - 0.4) ** 2 + y**2 + z**2 < 0.2**2] = 4
+    labels[body & (y < -0.3)] = 5
     affine = np.diag([edge, edge, edge, 1.0])
     affine[:3, 3] = 0.5 * edge - 48.0
     return LabelImage(labels, affine, "phantom")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from palpate.fastsim.mesher import (
 )
 from palpate.fastsim.nested_bodies import mesh_regions
 from palpate.fastsim.surface_remesher import require_no_self_intersection
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.label_images import LabelImage, choose_labels, coarsen
 from palpate.meshes.label_surfaces import LabelSurfaces, make_surfaces, separate_touching
@@ -46,6 +48,7 @@ def mesh_labels(
     image: LabelImage,
     names: Mapping[int, str],
     *,
+    walls: Mapping[int, str] = MappingProxyType({}),
     smallest_island: int = 27,
     voxel_edge: float | None = None,
     uniform: bool = False,
@@ -56,7 +59,8 @@ def mesh_labels(
 
     Args:
         image: The image [mm].
-        names: Of labels, by number; each is a group of cells.
+        names: Of labels that are meshed, by number; each is a group of cells.
+        walls: Of labels that are not meshed, by number: facets that touch one are a group.
         smallest_island: Loose parts of a label with fewer voxels are said.
         voxel_edge: Edge of the voxels that walls are made of [mm], for coarser meshes; the image's
             where not given. Volumes stay those of the image.
@@ -71,7 +75,7 @@ def mesh_labels(
         LabelVolumeError: A label that would change its volume by more than 1 %.
         InputError: A label that is not there, or no mesh.
     """
-    chosen = choose_labels(image, names)
+    chosen = choose_labels(image, {**names, **walls})
     for label, name in names.items():
         for line in _remarks(chosen, label, smallest_island):
             progress(f"label {name}: {line}")
@@ -102,6 +106,24 @@ def mesh_labels(
             report=report,
         )
 
+    def fill(surfaces: LabelSurfaces, points: Points) -> TetMesh:
+        """Mesh of the named labels, with a group of facets for each wall."""
+        sides = surfaces.sides
+        is_meshed = np.isin(sides, list(names))
+        row = np.full(len(points), -1, dtype=np.int32)
+        used = np.unique(surfaces.facets[is_meshed.any(axis=1)])
+        row[used] = np.arange(len(used))
+        regions = {name: row[surfaces.around(label)] for label, name in names.items()}
+        mesh = mesh_regions(points[used], regions, make=make)
+        groups = {
+            name: row[surfaces.facets[((sides == label) & is_meshed[:, ::-1]).any(axis=1)]]
+            for label, name in walls.items()
+        }
+        for name, facets in groups.items():
+            if not len(facets):
+                raise InputError(f"wall {name}: touches none of the labels that are meshed")
+        return TetMesh(mesh.points, mesh.cells, groups, cell_groups=mesh.cell_groups)
+
     def attempt(surfaces: LabelSurfaces, part: NDArray[np.float64]) -> TetMesh | None:
         """Mesh with a part of the smoothing; None where there is none, and the part is less."""
         placed = surfaces.smoothed(part)
@@ -118,8 +140,7 @@ def mesh_labels(
         farthest = float(np.linalg.norm(placed - surfaces.corners, axis=1).max())
         progress(f"{len(surfaces.facets)} facets, at most {farthest:.3g} mm from the voxels' faces")
         try:
-            regions = {name: surfaces.around(label) for label, name in names.items()}
-            return mesh_regions(points, regions, make=make)
+            return fill(surfaces, points)
         except (BoundaryRecoveryError, FlatCellError) as error:
             progress(f"less smoothing: {error}")
             part *= 0.5

@@ -71,6 +71,10 @@ def mesh(
         list[str] | None,
         typer.Option(help="NUMBER=NAME: a label of a label image, a group of cells; repeatable"),
     ] = None,
+    wall: Annotated[
+        list[str] | None,
+        typer.Option(help="NUMBER=NAME: a label not meshed, whose facets are a group; repeatable"),
+    ] = None,
     smallest_island: Annotated[
         int, typer.Option(help="loose parts of a label with fewer voxels are named")
     ] = 27,
@@ -125,12 +129,13 @@ def mesh(
                 "positions are in mm, the walls stay as they are, by fastsim's mesher"
             )
         mesh_label_image(
-            surface, output, label or [], smallest_island, voxel_edge, uniform, time_limit,
-            force=force,
+            surface, output, label or [], wall or [], smallest_island, voxel_edge, uniform,
+            time_limit, force=force,
         )  # fmt: skip
         return
-    if voxel_edge is not None:
-        raise InputError("--voxel-edge goes with a label image; --size says how large cells are")
+    if voxel_edge is not None or wall:
+        given_one = "--wall" if wall else "--voxel-edge"
+        raise InputError(f"{given_one} goes with a label image; --size says how large cells are")
     if unit not in LENGTH:
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:

@@ -18,6 +18,7 @@ def mesh_label_image(
     image: str,
     output: Path,
     labels: list[str],
+    walls: list[str],
     smallest_island: int,
     voxel_edge: float | None,
     uniform: bool,
@@ -29,6 +30,7 @@ def mesh_label_image(
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.meshes.label_images import (
         PHANTOM,
+        PHANTOM_WALLS,
         SUFFIXES,
         is_label_image,
         make_phantom,
@@ -38,6 +40,7 @@ def mesh_label_image(
     from palpate.meshes.tet_mesh import TetMesh, signed_volumes
     from palpate.validation.case.label_bodies import mesh_labels
     from palpate.validation.case.units import Units
+    from palpate.validation.exchange.nodal_arrays import facet_areas
     from palpate.validation.output_files import require_outputs
 
     began = time.monotonic()
@@ -50,7 +53,13 @@ def mesh_label_image(
         raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")
     if voxel_edge is not None and not (math.isfinite(voxel_edge) and voxel_edge > 0.0):
         raise InputError(f"--voxel-edge {voxel_edge:g}: needs a finite value above 0")
-    names = PHANTOM if is_phantom and not labels else parse_labels(labels)
+    names, around = PHANTOM, PHANTOM_WALLS
+    if not is_phantom or labels:
+        names = parse_labels(labels)
+        around = parse_labels(walls, "--wall") if walls else {}
+    twice = sorted(set(names) & set(around)) or sorted(set(names.values()) & set(around.values()))
+    if twice:
+        raise InputError(f"--wall {twice[0]}: is a --label as well; a wall is not meshed")
     inputs = [] if is_phantom else [image]
     require_outputs({"--output": output}, inputs=inputs, force=force)
     read = make_phantom() if is_phantom else read_labels(image)
@@ -63,13 +72,16 @@ def mesh_label_image(
     mesh = mesh_labels(
         read,
         names,
+        walls=around,
         smallest_island=smallest_island,
         voxel_edge=voxel_edge,
         uniform=uniform,
         time_left=time_left,
         progress=lambda line: say(units.in_case_units(line)),
     )
-    scaled = TetMesh(mesh.points * 1e3, mesh.cells, cell_groups=mesh.cell_groups)
+    scaled = TetMesh(
+        mesh.points * 1e3, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups
+    )
     write_mesh(output, scaled, groups=True)
     quality = measure_quality(mesh)
     print(
@@ -81,9 +93,12 @@ def mesh_label_image(
     for name, rows in mesh.cell_groups.items():
         volume = float(signed_volumes(mesh.points, mesh.cells[rows]).sum()) * 1e9
         print(for_terminal(f"  {name}: {len(rows)} cells, volume {volume:.6g} mm3"))
+    for name, facets in mesh.facet_groups.items():
+        area = float(facet_areas(mesh.points, facets).sum()) * 1e6
+        print(for_terminal(f"  {name}: {len(facets)} facets, area {area:.6g} mm2"))
 
 
-def parse_labels(given: list[str]) -> dict[int, str]:
+def parse_labels(given: list[str], option: str = "--label") -> dict[int, str]:
     """Names by number from texts NUMBER=NAME; refuses numbers and names given twice."""
     if not given:
         raise InputError("a label image needs --label NUMBER=NAME, once for each label to mesh")
@@ -91,8 +106,8 @@ def parse_labels(given: list[str]) -> dict[int, str]:
     for text in given:
         number, _, name = text.partition("=")
         if not (number.isascii() and number.isdigit() and int(number) > 0 and name):
-            raise InputError(f"--label {text}: needs NUMBER=NAME, with a whole number above 0")
+            raise InputError(f"{option} {text}: needs NUMBER=NAME, with a whole number above 0")
         if int(number) in found or name in found.values():
-            raise InputError(f"--label {text}: the number or the name is there twice")
+            raise InputError(f"{option} {text}: the number or the name is there twice")
         found[int(number)] = name
     return found

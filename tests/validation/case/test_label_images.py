@@ -103,6 +103,28 @@ def test_a_coarse_mesh_of_labels_has_the_volumes_of_the_image() -> None:
             assert volume == pytest.approx(wanted, rel=0.01)
 
 
+def test_facets_that_touch_a_label_that_is_not_meshed_are_a_group() -> None:
+    labels = np.zeros((8, 6, 6), np.int32)
+    labels[1:4, 1:5, 1:5] = 1
+    labels[4:7, 1:5, 1:5] = 5
+    mesh = mesh_labels(
+        LabelImage(labels, np.eye(4)), {1: "liver"}, walls={5: "spine"}, progress=lambda _: None
+    )
+    facets = mesh.facet_groups["spine"]
+    # Between voxels 3 and 4, whose middles are at 3 and 4 mm, but for smoothing at the rim.
+    assert np.ptp(mesh.points[facets][..., 0]) < 0.5e-3
+    assert mesh.points[facets][..., 0].mean() == pytest.approx(3.5e-3, abs=0.2e-3)
+    assert len(facets) > 20
+    outer = {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()}
+    assert {tuple(row) for row in np.sort(facets, axis=1).tolist()} < outer
+    assert mesh.volume == pytest.approx(48e-9, rel=0.01)  # 3 x 4 x 4 voxels
+    with pytest.raises(InputError, match="wall far: touches none"):
+        labels[4, :, :] = 0
+        mesh_labels(
+            LabelImage(labels, np.eye(4)), {1: "liver"}, walls={5: "far"}, progress=lambda _: None
+        )
+
+
 @pytest.mark.parametrize("second", [(3, 3, 2), (3, 3, 3)])
 def test_voxels_that_touch_at_an_edge_or_a_corner_are_separated(second: tuple[int, ...]) -> None:
     labels = np.zeros((6, 6, 6), np.int32)
@@ -179,7 +201,7 @@ def test_a_huge_image_is_refused_before_it_is_read(tmp_path: Path) -> None:
 def test_a_label_that_is_not_there_is_refused_with_those_that_are() -> None:
     image = LabelImage(make_phantom(16).labels, np.eye(4))
     with pytest.raises(
-        InputError, match=r"no voxel has the label 9 \(bone\); there are 1, 2, 3, 4"
+        InputError, match=r"no voxel has the label 9 \(bone\); there are 1, 2, 3, 4, 5"
     ):
         choose_labels(image, {9: "bone"})
 
@@ -191,6 +213,7 @@ def test_options_that_do_not_go_with_labels_are_refused(tmp_path: Path) -> None:
         ([], "needs --label NUMBER=NAME"),
         (["--label", "x=liver"], "whole number above 0"),
         (["--label", "1=a", "--label", "1=b"], "there twice"),
+        (["--label", "1=a", "--wall", "1=b"], "is a --label as well"),
         (["--label", "1=a", "--repair"], "--repair does not go with a label image"),
     ):
         done = CliRunner().invoke(app, ["mesh", str(path), *options, *out])
