@@ -8,6 +8,7 @@ all of that is a FileFormatError of one line.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
 import math
 import re
@@ -28,6 +29,7 @@ from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_poin
 from palpate.meshes.surface_files import (
     Polygons,
     is_binary_stl,
+    made_by_vtk,
     read_binary_stl,
     read_by_vtk,
     read_obj,
@@ -62,6 +64,7 @@ _NUMPY_NUMBER = re.compile(rb"\bnp\.float\d+\(([^()\s]*)\)")
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
 _POLYGONS = {"triangle", "quad"}
 _HEADER_BYTES = 1000
+_IS_GRID = re.compile(rb"^DATASET\s+UNSTRUCTURED_GRID\b", re.MULTILINE | re.IGNORECASE)
 _POLY_DATA = re.compile(rb"^DATASET\s+POLYDATA\b", re.MULTILINE | re.IGNORECASE)
 
 
@@ -281,6 +284,22 @@ def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
 
 
 def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES) -> Any:
+    """Read by meshio, and legacy VTK that it does not know (normals, metadata) by VTK."""
+    try:
+        return _read_at_once(path, known, most_bytes)
+    except FileFormatError as error:
+        file, is_grid = Path(path), None
+        with contextlib.suppress(FileFormatError), open_plain(file, most_bytes=most_bytes) as f:
+            is_grid = file.suffix.lower() == ".vtk" and _IS_GRID.search(f.read(_HEADER_BYTES))
+        if is_grid and importlib.util.find_spec("vtkmodules") is not None:
+            with contextlib.suppress(FileFormatError), made_by_vtk(file, "grid.vtu") as found:
+                return _read_at_once(found, known, most_bytes)
+        elif is_grid:
+            error.args = (f"{error}; VTK may read it: pip install 'palpate[pyvista]'",)
+        raise
+
+
+def _read_at_once(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES) -> Any:
     """Read by meshio; every kind of failure becomes a FileFormatError."""
     file = Path(path)
     suffix = _known_suffix(file, known)

@@ -12,6 +12,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -164,12 +165,30 @@ def read_by_vtk(path: Path) -> Polygons:
     Raises:
         FileFormatError: VTK is not installed, finds an error, or does not end in time.
     """
+    with made_by_vtk(path, "surface.npz") as found, np.load(found, allow_pickle=False) as arrays:
+        points, offsets, corners = (arrays[n] for n in ("points", "offsets", "corners"))
+    counts = np.diff(offsets)
+    blocks = [
+        corners[offsets[:-1][counts == count][:, None] + np.arange(count)]
+        for count in np.unique(counts)
+        if count > 2
+    ]
+    return points.astype(float), blocks
+
+
+@contextlib.contextmanager
+def made_by_vtk(path: Path, name: str) -> Iterator[Path]:
+    """What VTK makes of a file, for the time of the context: polygons (.npz) or cells (.vtu).
+
+    Raises:
+        FileFormatError: VTK is not installed, finds an error, or does not end in time.
+    """
     kind = path.suffix[1:].lower()
     if importlib.util.find_spec("vtkmodules") is None:
         reason = f"is read as {kind} by VTK alone: pip install 'palpate[pyvista]'"
         raise FileFormatError(path, reason)
     with scratch_folder("vtk") as folder:
-        found = folder / "surface.npz"
+        found = folder / name
         try:
             done = run_supervised(
                 [sys.executable, str(_AS_VTK), str(path), str(found)], time_limit=_SECONDS
@@ -180,15 +199,7 @@ def read_by_vtk(path: Path) -> Polygons:
             said = [line for line in done.stderr.splitlines() if line.strip()]
             reason = said[-1][:200] if said else f"VTK ended with {done.returncode}"
             raise FileFormatError(path, f"cannot be read as {kind} ({reason})")
-        with np.load(found, allow_pickle=False) as arrays:
-            points, offsets, corners = (arrays[n] for n in ("points", "offsets", "corners"))
-    counts = np.diff(offsets)
-    blocks = [
-        corners[offsets[:-1][counts == count][:, None] + np.arange(count)]
-        for count in np.unique(counts)
-        if count > 2
-    ]
-    return points.astype(float), blocks
+        yield found
 
 
 def _numbers(path: Path, rows: list[list[bytes]]) -> Points:

@@ -1,4 +1,4 @@
-"""A program: the polygons that VTK reads from a file, as an .npz of arrays.
+"""A program: the polygons that VTK reads from a file, as an .npz of arrays; or its cells as a .vtu.
 
     python vtk_surfaces.py FILE RESULT
 
@@ -21,11 +21,21 @@ def main(file: str, result: str) -> int:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     trouble: list[str] = []
-    data = _polygons(file, lambda _caller, _event, text: trouble.append(str(text)))
+
+    def observe(_caller: Any, _event: str, text: str) -> None:
+        trouble.append(str(text))
+
+    if result.endswith(".vtu"):
+        _write_cells(file, result, observe)
+        data = None
+    else:
+        data = _polygons(file, observe)
     if trouble:
         lines = [line.strip() for text in trouble for line in text.splitlines() if line.strip()]
         print(lines[-1], file=sys.stderr)
         return 1
+    if data is None:
+        return 0
     if data.GetPoints() is None:
         print("no points", file=sys.stderr)
         return 1
@@ -37,6 +47,26 @@ def main(file: str, result: str) -> int:
         corners=vtk_to_numpy(cells.GetConnectivityArray()).astype(np.int64),
     )
     return 0
+
+
+def _write_cells(file: str, result: str, observer: Any) -> None:
+    """A legacy unstructured grid, of any version, with its fields as a .vtu."""
+    from vtkmodules.vtkIOLegacy import vtkUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    observer.CallDataType = "string0"
+    reader, writer = vtkUnstructuredGridReader(), vtkXMLUnstructuredGridWriter()
+    for one in (reader, writer):
+        one.AddObserver("ErrorEvent", observer)
+        one.AddObserver("WarningEvent", observer)
+    reader.SetFileName(file)
+    reader.ReadAllScalarsOn()
+    reader.ReadAllVectorsOn()
+    reader.ReadAllFieldsOn()
+    reader.Update()
+    writer.SetFileName(result)
+    writer.SetInputData(reader.GetOutput())
+    writer.Write()
 
 
 def _polygons(file: str, observer: Any) -> Any:

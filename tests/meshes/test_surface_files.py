@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.files import read_surface, write_surface
+from palpate.meshes.files import read_mesh, read_surface, write_surface
 from palpate.meshes.polygons import MOST_CORNERS, PolygonError, cut_into_triangles
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.surface_checks import require_closed
@@ -215,3 +215,48 @@ def test_polygons_that_cannot_be_cut_are_named() -> None:
     # A corner twice in a row is one corner; two corners are no triangle.
     twice = cut_into_triangles(pentagram, [np.array([[0, 0, 1, 2], [3, 3, 4, 4]])])
     assert twice.tolist() == [[0, 1, 2]]
+
+
+# Legacy VTK as VTK 9 writes it: offsets and connectivity instead of counts, and normals.
+GRID = """# vtk DataFile Version 5.1
+vtk output
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 4 double
+0 0 0 1 0 0 0 1 0 0 0 1
+CELLS {offsets} {corners}
+OFFSETS vtktypeint64
+{starts}
+CONNECTIVITY vtktypeint64
+{cells}
+CELL_TYPES {count}
+{types}
+POINT_DATA 4
+NORMALS Normals double
+0 0 1 0 0 1 0 0 1 0 0 1
+"""
+
+
+def test_legacy_vtk_5_1_grids_are_read(tmp_path: Path) -> None:
+    pytest.importorskip("vtkmodules")
+    tets, faces = tmp_path / "tets.vtk", tmp_path / "faces.vtk"
+    tets.write_text(
+        GRID.format(offsets=2, corners=4, starts="0 4", cells="0 1 2 3", count=1, types="10")
+    )
+    faces.write_text(
+        GRID.format(
+            offsets=5,
+            corners=12,
+            starts="0 3 6 9 12",
+            cells="0 2 1 0 1 3 0 3 2 1 2 3",
+            count=4,
+            types="5 5 5 5",
+        )
+    )
+    mesh = read_mesh(tets)
+    assert mesh.cells.tolist() == [[0, 1, 2, 3]]
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert read_surface(faces).volume == pytest.approx(1.0 / 6.0, rel=1e-14)
+    tets.write_text(tets.read_text().replace("0 1 2 3\n", "0 1\n"))
+    with pytest.raises(FileFormatError, match=r"tets\.vtk: cannot be read as vtk"):
+        read_mesh(tets)
