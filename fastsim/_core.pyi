@@ -142,6 +142,7 @@ class SymbolicCube:
 class SurfaceDistance:
     def __init__(self, points: Floats, facets: Ints) -> None: ...
     def distances(self, places: Floats) -> Floats: ...
+    def farthest(self, points: Floats, facets: Ints, accuracy: float) -> Floats: ...
 
 class Lattice(Enum):
     cubic = 0
@@ -189,7 +190,7 @@ class WrappedSurface:
     is_too_fine: bool
 
 def wrap_surface(
-    points: Floats, facets: Ints, spacing: float, most_cubes: int
+    points: Floats, facets: Ints, spacing: float, most_cubes: int, tell: Callable[[int], None]
 ) -> WrappedSurface: ...
 
 class SurfaceMesh:

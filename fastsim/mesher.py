@@ -110,13 +110,18 @@ class Boundary(StrEnum):
 
 
 class FlatCellError(MeshingError):
-    """Cells positive by the exact predicate, but flat to rounding; `.cells` holds them."""
+    """Cells positive by the exact predicate, but flat to rounding; `.cells` holds them.
 
-    def __init__(self, cells: Sequence[int]) -> None:
+    `position` is the middle of the first of them [m].
+    """
+
+    def __init__(self, cells: Sequence[int], position: Points) -> None:
         self.cells = [int(c) for c in cells]
+        at = ", ".join(f"{x:.6g}" for x in position)
         super().__init__(
-            f"{len(self.cells)} cell(s) have no volume to rounding; parts of the surface are "
-            "within roundings of each other: thicken them or merge points"
+            f"the surface bounds a solid, but this mesher's best mesh of it has {len(self.cells)} "
+            f"cell(s) without volume to rounding, the first around ({at}) m, where points or "
+            "facets nearly coincide; better facets there would do"
         )
 
 
@@ -310,7 +315,7 @@ def mesh_surface(
         try:
             mesh = TetMesh(made.points, cells)
         except InvertedCellError as error:
-            failure = FlatCellError(error.cells)
+            failure = FlatCellError(error.cells, made.points[cells[error.cells[0]]].mean(axis=0))
             continue
         counts = {name: getattr(made, name) for name in _COUNTS}
         is_kept = made.boundary_steiner_points == 0

@@ -184,7 +184,7 @@ def mesh(
             the surface's own.
         repair: Repair a file: merge near points, cut fins, turn facets, close holes (facet groups
             "cap 1", ...) and repair self-intersections; or which of these may be done.
-        wrap: Instead of repair, how far a new closed surface around a file's facets may lie from
+        wrap: How far a new closed surface around a file's facets, repaired or not, may lie from
             them [m], > 0; None makes no such surface.
 
     Returns:
@@ -217,8 +217,6 @@ def mesh(
         loaded = LoadedSurface(surface, [], {})
     else:
         choices = RepairChoices() if repair is True else repair or None
-        if wrap is not None and choices is not None:
-            raise InputError("wrap replaces repair: give one of the two")
         loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
     spec = MeshSpec(
         mesher=mesher,

@@ -5,6 +5,7 @@
 #include "surface/wrap.hpp"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/function.h>
 
 #include <algorithm>
 #include <cmath>
@@ -39,7 +40,24 @@ void bind_surface(nb::module_ &module) {
                                        });
                 return found;
             },
-            nb::arg("places").noconvert());
+            nb::arg("places").noconvert())
+        .def(
+            "farthest",
+            [](const SurfaceDistance &self, Points points, Facets facets, double accuracy) {
+                auto found = new_array<double>({facets.shape(0)});
+                nb::gil_scoped_release release;
+                const auto rows = as_rows<Point>(points);
+                std::ranges::transform(as_rows<EditableSurface::Facet>(facets), found.data(),
+                                       [&](const EditableSurface::Facet &f) {
+                                           return self.farthest(
+                                               {rows[static_cast<std::size_t>(f[0])],
+                                                rows[static_cast<std::size_t>(f[1])],
+                                                rows[static_cast<std::size_t>(f[2])]},
+                                               accuracy);
+                                       });
+                return found;
+            },
+            nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("accuracy"));
 
     nb::class_<SizeGrid>(module, "SizeGrid")
         .def(nb::init<double>(), nb::arg("edge_length"))
@@ -97,12 +115,19 @@ void bind_surface(nb::module_ &module) {
 
     module.def(
         "wrap_surface",
-        [](Points points, Facets facets, double spacing, std::size_t most_cubes) {
+        [](Points points, Facets facets, double spacing, std::size_t most_cubes,
+           const std::function<void(std::size_t)> &tell) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
+            const auto watch = [&](std::size_t cubes) {
+                const nb::gil_scoped_acquire acquire;
+                if (PyErr_CheckSignals() != 0)
+                    throw nb::python_error();
+                tell(cubes);
+            };
             nb::gil_scoped_release release;
-            return wrap_surface(point_rows, facet_rows, spacing, most_cubes);
+            return wrap_surface(point_rows, facet_rows, spacing, most_cubes, watch);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("spacing"),
-        nb::arg("most_cubes"));
+        nb::arg("most_cubes"), nb::arg("tell"));
 }

@@ -1,4 +1,4 @@
-"""Three ways to remove crossings from a patch of a surface, and the distances of surfaces."""
+"""Three ways to remove crossings from a patch of a surface."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.surface_remesher import facet_distances
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
 from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
@@ -66,11 +65,17 @@ def smoothed(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
 
 
 def pulled_apart(
-    part: Surroundings, rows: NDArray[np.int64], *, outwards: bool, most: float
+    part: Surroundings,
+    rows: NDArray[np.int64],
+    *,
+    outwards: bool,
+    most: float,
+    with_islands: bool = True,
 ) -> Attempt | None:
     """Facets that cross moved along their normals step by step: walls outwards, lobes inwards.
 
-    `rows` are the facets that cross; no point moves further than `most` [m].
+    `rows` are the facets that cross; what they cut off from the rest may follow them. No point
+    moves further than `most` [m].
     """
     points, facets = part.points, part.facets
     step = _STEP * float(side_lengths(points[facets[rows]]).mean())
@@ -81,7 +86,7 @@ def pulled_apart(
         is_bad = np.zeros(len(facets), dtype=bool)
         is_bad[bad] = True
         pull = np.zeros(len(points))
-        pull[facets[with_enclosed(facets, is_bad)]] = 1.0
+        pull[facets[with_enclosed(facets, is_bad) if with_islands else is_bad]] = 1.0
         for _ring in range(_SPREAD_RINGS):
             spread = pull.copy()
             for a, b in ((0, 1), (1, 0)):
@@ -208,38 +213,3 @@ def facets_near(
     corners = points[facets]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return np.flatnonzero(meets.all(axis=1))
-
-
-def distance_apart(
-    points: Points, facets: Indices, new_points: Points, new_facets: Indices
-) -> float:
-    """Largest distance of either surface from the other [m], where they differ.
-
-    Facets with the same corners in both are left out: there the distance is zero.
-    """
-    old, new = _corners_in_order(points, facets), _corners_in_order(new_points, new_facets)
-    _, inverse = np.unique(np.vstack([old, new]), axis=0, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    only_old = ~np.isin(inverse[: len(old)], inverse[len(old) :])
-    only_new = ~np.isin(inverse[len(old) :], inverse[: len(old)])
-    there = _distance_from(points, facets[only_old], new_points, new_facets)
-    back = _distance_from(new_points, new_facets[only_new], points, facets)
-    return max(there, back)
-
-
-def _distance_from(points: Points, facets: Indices, others: Points, rows: Indices) -> float:
-    """Largest distance of facets from another surface [m]; 0 without facets."""
-    if not len(facets):
-        return 0.0
-    other = _core.SurfaceDistance(np.ascontiguousarray(others), np.ascontiguousarray(rows))
-    return float(facet_distances(points, facets, other).max())
-
-
-def _corners_in_order(points: Points, facets: Indices) -> Points:
-    """Corners of facets, the smallest position first, (num_facets, 9), to compare facets by."""
-    _, number = np.unique(points, axis=0, return_inverse=True)
-    number = number.reshape(-1)[facets]
-    first = np.argmin(number, axis=1)
-    turned = facets[np.arange(len(facets))[:, None], (first[:, None] + np.arange(3)) % 3]
-    positions: Points = points[turned].reshape(-1, 9) + 0.0
-    return positions

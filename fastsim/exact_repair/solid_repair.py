@@ -8,44 +8,54 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.fastsim.exact_repair.part_changes import (
+    EDGES,
+    ChangedPartError,
+    PartChange,
+    distances_apart,
+    measure,
+    measure_changes,
+    require_within,
+)
 from palpate.fastsim.exact_repair.patch_repairs import (
+    MOST_PAIRS,
     Attempt,
     Surroundings,
     all_crossings,
     crossings_of,
-    distance_apart,
     facets_near,
     filled_anew,
     is_clean,
     pulled_apart,
     smoothed,
 )
-from palpate.fastsim.surface_remesher import mean_edge_length
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.repair.choices import LIMIT, RepairChoices
 from palpate.meshes.repair.patches import grow
 from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import OpenSurfaceError, SurfaceError, TriSurface
-from palpate.meshes.triangles import connected_parts
-
-# Default distance by which the surface may move, over its mean edge: the detail it resolves.
-_EDGES = 2.0
+from palpate.meshes.triangles import connected_parts, facet_parts, side_lengths
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedSolid:
-    """A surface, a line for each repair, and facets of its caps, "cap 1" on the longest loop."""
+    """A surface, a line for each repair, its parts before and after, and facets of its caps.
+
+    "cap 1" closes the longest loop.
+    """
 
     surface: TriSurface
     lines: list[str] = field(default_factory=list)
     caps: dict[str, list[int]] = field(default_factory=dict)
+    changes: list[PartChange] = field(default_factory=list)
 
 
 def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -> RepairedSolid:
-    """Make a surface [m] bound a solid without crossings, as far as that can be done.
+    """Make a surface [m] bound a solid without crossings, within what was chosen.
 
     Raises:
+        ChangedPartError: A part would be lost, fused, or changed by more than was chosen.
         SurfaceError: What cannot be repaired, with the facets at fault.
     """
     choices = choices or RepairChoices()
@@ -56,10 +66,7 @@ def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -
         fits=is_clean,
     )
     _require_solid(repaired, report)
-    distance = choices.distance
-    if distance is None:
-        distance = _EDGES * mean_edge_length(repaired.points, repaired.facets)
-    solid, done, number = untangle(repaired, distance=distance)
+    solid, done, number = untangle(repaired)
     lines = report.lines()
     if done.num_pairs:
         lines.append(done.line())
@@ -71,7 +78,13 @@ def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -
     if caps:
         names = "cap 1" if len(caps) == 1 else f"cap 1 to cap {len(report.caps)}"
         lines.append(f"facet group(s) {names}: what closes holes, on the longest loop first")
-    return RepairedSolid(solid, lines, caps)
+    changes = measure_changes(surface, report, repaired, solid, number)
+    try:
+        require_within(changes, choices)
+    except ChangedPartError as error:
+        error.done = lines
+        raise
+    return RepairedSolid(solid, lines, caps, changes)
 
 
 def _require_solid(surface: TriSurface, report: RepairReport) -> None:
@@ -105,49 +118,42 @@ _MOST_ROUNDS = 6
 _RINGS_AROUND = 12
 # Largest fraction of the surface's facets in a patch: beyond that it is the organ itself.
 _LARGEST_PART = 0.3
-# A repair that moves the surface by less than this fraction of the limit needs no comparison.
-_GOOD_ENOUGH = 0.1
+# How far facets are pulled at most, over the mean edge of those that cross.
+_FARTHEST = 2.0
+# A way that costs less than this of what is allowed needs no comparison.
+_GOOD_ENOUGH = 0.2
+# Facets looked at in all attempts; some 10 s.
+_MOST_WORK = 400_000
 
 
 class EntangledError(SurfaceError):
-    """Crossings that could not be repaired within the distance; `.facets` holds them.
+    """Crossings that could not be repaired; `.facets` holds them."""
 
-    `.needed` is the distance that would have done, where one was found [m].
-    """
-
-    def __init__(self, facets: list[int], position: Points, distance: float, needed: float) -> None:
+    def __init__(self, facets: list[int], position: Points, why: str) -> None:
         at = ", ".join(f"{x:.6g}" for x in position)
-        hint = (
-            f"moving it by {needed:.3g} m would: allow a larger distance"
-            if np.isfinite(needed)
-            else "repair it by hand, or wrap it anew"
-        )
         first = ", ".join(map(str, facets[:5]))
-        what = (
-            "the surface intersects itself and could not be repaired within "
-            f"{distance:.3g} m, at {len(facets)} facet(s)"
+        super().__init__(
+            f"the surface intersects itself and could not be repaired ({why}), at {len(facets)} "
+            f"facet(s), first {first}, around ({at}) m",
+            facets,
+            detail="; repair it by hand, or wrap it anew",
         )
-        super().__init__(f"{what}, first {first}, around ({at}) m; {hint}", facets)
-        self.needed, self.hint, self.summary = needed, hint, f"{what} around ({at}) m"
 
 
 @dataclass(frozen=True)
 class UntangleReport:
-    """Changes of a surface by `untangle`.
+    """What `untangle` has done.
 
     Attributes:
         num_pairs: Pairs of facets that crossed.
         num_regions: Number of regions where they did.
         replaced_facets: Facets that were moved or replaced, by their number before.
-        distance: Largest distance of either surface from the other, over corners, middles of
-            edges and centres of what was changed [m].
         euler_change: Change of Euler's characteristic: 2 for each bridge cut or shell made.
     """
 
     num_pairs: int = 0
     num_regions: int = 0
     replaced_facets: tuple[int, ...] = ()
-    distance: float = 0.0
     euler_change: int = 0
 
     def line(self) -> str:
@@ -156,21 +162,18 @@ class UntangleReport:
         cut = f"; {bridges} handle(s) or bridge(s) between sheets cut" if bridges else ""
         return (
             f"{self.num_pairs} pair(s) of facets that cut each other in {self.num_regions} "
-            f"region(s) repaired: {len(self.replaced_facets)} facet(s) moved or replaced, by at "
-            f"most {self.distance:.3g} m{cut}"
+            f"region(s) repaired: {len(self.replaced_facets)} facet(s) moved or replaced{cut}"
         )
 
 
-def untangle(
-    surface: TriSurface, *, distance: float
-) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
+def untangle(surface: TriSurface) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
     """Repair a closed, consistently oriented surface where it cuts itself.
 
-    Returns a surface without crossings, at most `distance` [m] from the given one, what was done,
-    and of each facet its number before, or -1 of a new one, shape (num_facets,).
+    Returns a surface without crossings, what was done, and of each facet its number before, or -1
+    of a new one, shape (num_facets,). How far it has moved is for the caller to measure.
 
     Raises:
-        EntangledError: Not within the distance.
+        EntangledError: No way was found.
     """
     points, facets = surface.points, surface.facets
     # Numbers that stay with facets; new ones count on.
@@ -178,6 +181,14 @@ def untangle(
     num_given = fresh = len(facets)
     pairs = all_crossings(points, facets)
     report = UntangleReport(len(pairs), len(_clusters(facets, pairs)))
+    work = 0
+
+    def give_up(rows: NDArray[np.int64], why: str) -> EntangledError:
+        known = number[rows][number[rows] < num_given].tolist()
+        return EntangledError(known, points[facets[rows]].mean(axis=(0, 1)), why)
+
+    if len(pairs) >= MOST_PAIRS:
+        raise give_up(np.unique(pairs), f"{len(pairs)} pairs of facets or more")
     for _ in range(_MOST_ROUNDS):
         if not len(pairs):
             break
@@ -186,51 +197,45 @@ def untangle(
             # A patch beside it may have replaced or repaired these facets meanwhile.
             if len(rows) < len(guilty) or not len(crossings_of(points, facets, rows)):
                 continue
-            chosen = _least_moved(points, facets, rows, distance)
-            if isinstance(chosen, float):
-                known = guilty[guilty < num_given].tolist()
-                position = points[facets[rows]].mean(axis=(0, 1))
-                raise EntangledError(known, position, distance, chosen)
+            if work > _MOST_WORK:
+                raise give_up(rows, "too many places, or too large ones")
+            chosen, looked_at = _least_moved(points, facets, rows)
+            work += looked_at
+            if chosen is None:
+                raise give_up(rows, "no way leaves it without crossings")
             count = len(chosen.facets) - len(chosen.kept)
             points, facets = chosen.points, chosen.facets
             number = np.concatenate([number[chosen.kept], np.arange(fresh, fresh + count)])
             fresh += count
         pairs = all_crossings(points, facets)
     if len(pairs):
-        rows = np.unique(pairs)
-        known = number[rows][number[rows] < num_given].tolist()
-        raise EntangledError(known, points[facets[rows]].mean(axis=(0, 1)), distance, np.inf)
+        raise give_up(np.unique(pairs), f"not in {_MOST_ROUNDS} rounds")
     if not report.num_pairs:
         return surface, report, number
-    apart = distance_apart(surface.points, surface.facets, points, facets)
     moved = np.ones(num_given, dtype=bool)
     stays = number < num_given
     moved[number[stays]] = np.any(
         points[facets[stays]] != surface.points[surface.facets[number[stays]]], axis=(1, 2)
     )
-    replaced = np.flatnonzero(moved)
-    if apart > distance:
-        position = surface.points[surface.facets[replaced]].mean(axis=(0, 1))
-        raise EntangledError(replaced.tolist(), position, distance, apart)
     done = UntangleReport(
         report.num_pairs,
         report.num_regions,
-        tuple(replaced.tolist()),
-        apart,
+        tuple(np.flatnonzero(moved).tolist()),
         _euler(facets) - _euler(surface.facets),
     )
     return TriSurface(points, facets), done, np.where(stays, number, -1)
 
 
 def _least_moved(
-    points: Points, facets: Indices, rows: NDArray[np.int64], distance: float
-) -> Attempt | float:
-    """The way that moves the surface least; the distance needed [m] where that is too far."""
+    points: Points, facets: Indices, rows: NDArray[np.int64]
+) -> tuple[Attempt | None, int]:
+    """The way that changes the surface least, and how many facets were looked at."""
     is_cross = np.zeros(len(facets), dtype=bool)
     is_cross[rows] = True
+    most = _FARTHEST * float(side_lengths(points[facets[rows]]).mean())
     around = grow(facets, is_cross, _RINGS_AROUND)
     # All that a patch may come to: the work is in proportion to it, not to the organ.
-    around[facets_near(points, facets, points[facets[around]].reshape(-1, 3), distance)] = True
+    around[facets_near(points, facets, points[facets[around]].reshape(-1, 3), most)] = True
     local = np.flatnonzero(around)
     used, some = np.unique(facets[local], return_inverse=True)
     some = some.reshape(-1, 3).astype(np.int32)
@@ -240,29 +245,55 @@ def _least_moved(
     chosen = np.flatnonzero(is_cross[local])
     ways: tuple[Callable[[], Attempt | None], ...] = (
         lambda: smoothed(part, chosen),
-        lambda: pulled_apart(part, chosen, outwards=False, most=distance),
-        lambda: pulled_apart(part, chosen, outwards=True, most=distance),
+        lambda: pulled_apart(part, chosen, outwards=False, most=most, with_islands=False),
+        lambda: pulled_apart(part, chosen, outwards=True, most=most, with_islands=False),
+        lambda: pulled_apart(part, chosen, outwards=False, most=most),
+        lambda: pulled_apart(part, chosen, outwards=True, most=most),
         lambda: filled_anew(part, chosen),
     )
     best, least = None, np.inf
+    work = 0
     for way in ways:
+        work += len(local)
         attempt = way()
         if attempt is None:
             continue
-        apart = distance_apart(part.points, part.facets, attempt.points, attempt.facets)
-        if apart < least:
-            best, least = attempt, apart
-        if least <= _GOOD_ENOUGH * distance:
+        cost = _cost(part, attempt)
+        if cost < least:
+            best, least = attempt, cost
+        if least <= _GOOD_ENOUGH:
             break
-    if best is None or least > distance:
-        return float(least)
+    if best is None:
+        return None, work
     moved = np.vstack([points, best.points[len(used) :]])
     moved[used] = best.points[: len(used)]
     back = np.concatenate([used, np.arange(len(points), len(moved))])
     gone = np.setdiff1d(local, local[best.kept])
     kept = np.setdiff1d(np.arange(len(facets)), gone)
     new = back[best.facets[len(best.kept) :]]
-    return Attempt(moved, np.vstack([facets[kept], new]).astype(np.int32), kept)
+    return Attempt(moved, np.vstack([facets[kept], new]).astype(np.int32), kept), work
+
+
+def _cost(part: Surroundings, attempt: Attempt) -> float:
+    """The largest change of a patch's surroundings over what a repair may do, see `RepairChoices`.
+
+    The larger of the distance of both surfaces over half a mean edge, and of each shell's change of
+    volume over its limit.
+    """
+    before = TriSurface(part.points, part.facets)
+    after = TriSurface(attempt.points, attempt.facets)
+    edge = EDGES * float(side_lengths(part.points[part.facets]).mean())
+    all_of, no_cap = np.ones(len(part.facets), bool), np.zeros(len(attempt.facets), bool)
+    far = distances_apart(before, after, 0.01 * edge, all_of, no_cap)
+    cost = max(far[0].max(initial=0.0), far[1].max(initial=0.0)) / edge
+    shell, new = facet_parts(part.facets), facet_parts(attempt.facets)
+    of_new = np.full(int(new.max(initial=-1)) + 1, -1)
+    of_new[new[: len(attempt.kept)]] = shell[attempt.kept]
+    for number in np.unique(shell):
+        was = measure(part.points, part.facets[shell == number]).volume
+        now = measure(attempt.points, attempt.facets[of_new[new] == number]).volume
+        cost = max(cost, 100.0 * abs(now - was) / (LIMIT * abs(was) + np.finfo(float).tiny))
+    return float(cost)
 
 
 def _clusters(facets: Indices, pairs: NDArray[np.int32]) -> list[NDArray[np.int64]]:

@@ -9,18 +9,22 @@ a half. The surface between is made on a grid, and given better triangles within
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import grid_of_sizes
-from palpate.fastsim.surface_remesher import facet_distances
+from palpate.fastsim.mesher import TimeLimitError
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.repair.patches import loose_facets
+from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tri_surface import EmptySurfaceError, TriSurface
+from palpate.meshes.tri_surface import EmptySurfaceError, SurfaceError, TriSurface
 from palpate.meshes.triangles import facet_normals
 
 # The grid's cubes and the moves for better triangles, of the distance: a cube's diagonal is 1.7
@@ -34,6 +38,8 @@ _MOST_CUBES = 1_000_000
 _CUBES_PER_SIDE = 1.3
 # Parts shorter than this, of the spacing, are crumbs of the grid.
 _CRUMB = 3.0
+# Spacing of a first wrap, over that of the second.
+_COARSER = 4.0
 
 
 class WrapError(InputError):
@@ -46,7 +52,7 @@ class WrapError(InputError):
 
 @dataclass(frozen=True)
 class WrapReport:
-    """How near the new surface is to the given one, over corners, middles of edges and centres.
+    """How near the new surface is to the given one, by upper bounds of distances.
 
     Attributes:
         num_facets: Number of facets of the new surface.
@@ -56,6 +62,7 @@ class WrapReport:
         bridge_distance: Largest distance of those [m].
         lost: Fraction of the given facets further away: inner walls, fins, thin sheets.
         lost_distance: Largest distance of those [m].
+        is_inward: Whether the given facets face inwards, and were taken the other way round.
     """
 
     num_facets: int
@@ -65,30 +72,43 @@ class WrapReport:
     bridge_distance: float
     lost: float
     lost_distance: float
+    is_inward: bool = False
 
     def line(self) -> str:
         """Report in one line."""
-        said = [f"wrapped by {self.num_facets} new facets within {self.from_given:.3g} m"]
+        within = round_up(self.from_given)
+        said = [f"wrapped by {self.num_facets} new facets within {within:.3g} m"]
+        if self.is_inward:
+            said.insert(0, "the facets face inwards and were taken the other way round")
         if self.bridging:
             said.append(
                 f"{100 * self.bridging:.2g} % of them bridge holes, up to "
-                f"{self.bridge_distance:.3g} m away"
+                f"{round_up(self.bridge_distance):.3g} m away"
             )
         if self.lost:
             said.append(
                 f"{100 * self.lost:.2g} % of the given facets (inner or thin ones) are up to "
-                f"{self.lost_distance:.3g} m from the new"
+                f"{round_up(self.lost_distance):.3g} m from the new"
             )
         return "; ".join(said)
 
 
-def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, WrapReport]:
+def wrap_surface(
+    surface: TriSurface,
+    *,
+    distance: float,
+    time_limit: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[TriSurface, WrapReport]:
     """Make a closed surface near the outside of facets of any kind.
 
     Args:
-        surface: Facets that mostly face outwards [m]; nothing else is required of them.
+        surface: Facets that mostly face one way, out or in [m]; nothing else is required of them.
+            Of the two ways the one that encloses more is taken.
         distance: How far the new surface may be from the given one, > 0 [m]; details smaller than
             it may be lost. Over holes it is further away, which is reported.
+        time_limit: Seconds after which there is an error, > 0; None is no limit.
+        progress: Called with a line now and then.
 
     Returns:
         The new surface, closed, outward and without crossings, and how near it is.
@@ -96,7 +116,9 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
     Raises:
         EmptySurfaceError: No facets.
         WrapError: The facets enclose nothing, or the distance asks for too many cubes; before any
-            is made, with the distance that would do, but where it is for what bridges holes.
+            is made, with the distance that would do, but where it is for what bridges holes; or
+            the coordinates are too large for facets of such a size.
+        TimeLimitError: The time was up.
     """
     if not 0.0 < distance < math.inf:
         raise InputError(f"wrap distance {distance:g} m: needs a finite value above 0")
@@ -113,29 +135,80 @@ def wrap_surface(surface: TriSurface, *, distance: float) -> tuple[TriSurface, W
     points = np.ascontiguousarray(surface.points[used] - origin)
     spacing = _SPACING * distance
     _refuse_too_many_cubes(points, facets, distance)
-    made = _core.wrap_surface(points, facets, spacing, _MOST_CUBES)
+    watch = _Watch(time_limit, progress)
+    # A coarse one says which way the facets face; where both are thinner than that, the fine one.
+    coarse = [_grid(points, way, _COARSER * spacing, watch) for way in (facets, facets[:, ::-1])]
+    is_inward = coarse[1].volume > coarse[0].volume
+    way = facets[:, ::-1] if is_inward else facets
+    grid = _grid(points, way, spacing, watch)
+    if not grid.num_facets:
+        way, is_inward = way[:, ::-1], not is_inward
+        grid = _grid(points, way, spacing, watch)
+    if not grid.num_facets:
+        raise WrapError(
+            f"the facets enclose nothing that is thicker than {spacing:.3g} m: thinner than the "
+            "distance, or facing both ways; take less, or turn them round",
+            distance,
+        )
+    watch.require_time("making better facets of the wrap")
+    new = _better(grid, _MOVES * distance, _EDGE * spacing)
+    watch.require_time("measuring the wrap")
+    report = _measure(points, facets, new, distance, is_inward=is_inward)
+    moved = TriSurface(new.points + origin, new.facets)
+    # Where it lies: a far-off origin may round small facets flat.
+    try:
+        require_closed(moved)
+        is_sound = not len(_core.find_self_intersections(moved.points, moved.facets, 1))
+    except SurfaceError:
+        is_sound = False
+    if not is_sound:
+        raise WrapError(
+            f"coordinates of {np.abs(moved.points).max():.3g} m leave facets of a wrap within "
+            f"{distance:.3g} m no digits; move the surface near the origin",
+            distance,
+        )
+    return moved, report
+
+
+class _Watch:
+    """Calls `progress` each second or so; raises TimeLimitError when the time is up."""
+
+    def __init__(self, time_limit: float | None, progress: Callable[[str], None] | None) -> None:
+        if time_limit is not None:
+            require_positive(time_limit=time_limit)
+        self._time_limit, self._progress = time_limit, progress
+        self._began = self._last = time.monotonic()
+
+    def require_time(self, stage: str) -> None:
+        if self._time_limit is not None and time.monotonic() - self._began > self._time_limit:
+            raise TimeLimitError(self._time_limit, stage)
+
+    def __call__(self, cubes: int) -> None:
+        self.require_time("wrapping the surface")
+        now = time.monotonic()
+        if self._progress is not None and now - self._last > 1.0:
+            self._last = now
+            self._progress(f"wrapping the surface: {cubes} cubes of at most {_MOST_CUBES}")
+
+
+def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> TriSurface:
+    """The wrap on a grid, without crumbs and shells without volume; empty where it has no other."""
+    made = _core.wrap_surface(points, np.ascontiguousarray(facets), spacing, _MOST_CUBES, watch)
     if made.is_too_fine:
+        distance = spacing / _SPACING
         raise WrapError(
             f"a wrap within {distance:.3g} m takes more than {_MOST_CUBES} cubes once its holes "
             f"are bridged, or its parts lie too far from each other; try {2.0 * distance:.3g} m",
             distance,
         )
-    positions, rows = made.points, made.facets
-    crumbs = (
-        loose_facets(positions, rows, _CRUMB * spacing) if len(rows) else np.zeros(0, dtype=bool)
-    )
-    rows = rows[~crumbs]
-    if not len(rows):
-        raise WrapError(
-            f"the facets enclose nothing that is thicker than {spacing:.3g} m: thinner than the "
-            "distance, turned inwards, or facing both ways; take less, or turn them round",
-            distance,
-        )
+    rows = made.facets
+    if len(rows):
+        rows = rows[~loose_facets(made.points, rows, _CRUMB * spacing)]
     used, rows = np.unique(rows, return_inverse=True)
-    grid = TriSurface(positions[used], rows.reshape(-1, 3).astype(np.int32))
-    new = _better(grid, _MOVES * distance, _EDGE * spacing)
-    report = _measure(points, facets, new, distance)
-    return TriSurface(new.points + origin, new.facets), report
+    grid = TriSurface(made.points[used], rows.reshape(-1, 3).astype(np.int32))
+    # The largest part is kept however short, but not where it is a crumb itself.
+    is_crumb = not len(rows) or np.ptp(grid.points, axis=0).max() < _CRUMB * spacing
+    return TriSurface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)) if is_crumb else grid
 
 
 def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> None:
@@ -143,8 +216,7 @@ def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> 
     sides = projected / (_SPACING * distance) / (_SPACING * distance)
     cubes = _CUBES_PER_SIDE * sides
     if not cubes <= _MOST_CUBES:
-        # A little more, since it is printed with three digits.
-        enough = 1.01 * distance * math.sqrt(cubes / _MOST_CUBES)
+        enough = round_up(1.001 * distance * math.sqrt(cubes / _MOST_CUBES))
         raise WrapError(
             f"a wrap within {distance:.3g} m takes about {cubes:.2g} cubes, more than "
             f"{_MOST_CUBES}; {enough:.3g} m would do",
@@ -167,11 +239,15 @@ def _better(surface: TriSurface, moves: float, edge: float) -> TriSurface:
     return surface
 
 
-def _measure(points: Points, facets: Indices, new: TriSurface, distance: float) -> WrapReport:
-    far = facet_distances(new.points, new.facets, _core.SurfaceDistance(points, facets))
+def _measure(
+    points: Points, facets: Indices, new: TriSurface, distance: float, *, is_inward: bool
+) -> WrapReport:
+    """Upper bounds of the distances."""
+    accuracy = 1e-3 * distance
+    far = _core.SurfaceDistance(points, facets).farthest(new.points, new.facets, accuracy)
     is_bridge = far > distance
     made = _core.SurfaceDistance(np.ascontiguousarray(new.points), new.facets)
-    lost = facet_distances(points, facets, made)
+    lost = made.farthest(points, facets, accuracy)
     is_lost = lost > distance
     return WrapReport(
         new.num_facets,
@@ -181,4 +257,5 @@ def _measure(points: Points, facets: Indices, new: TriSurface, distance: float) 
         float(far[is_bridge].max(initial=0.0)),
         float(is_lost.mean()),
         float(lost[is_lost].max(initial=0.0)),
+        is_inward,
     )

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.repair.patches import edges_of, fair_points
-from palpate.meshes.repair.sheets import Fits
+from palpate.meshes.repair.patches import Fits, edges_of, fair_points
 from palpate.meshes.triangles import edge_uses, facet_areas, facet_normals
 
 

@@ -1,12 +1,18 @@
-"""Patches of a surface: rings around facets, enclosed islands, smoothing, small loose parts."""
+"""Patches of a surface: rings around facets, islands, smoothing, loose parts, orientation."""
 
 from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Integers, Mask, Points
+from palpate.meshes.tri_surface import OrientationError
 from palpate.meshes.triangles import connected_parts, edge_uses, facet_parts
 
+# Whether points and facets have no crossing at the marked facets.
+Fits = Callable[[Points, Indices, Mask], bool]
 # An enclosed part is included if it has at most this many times the facets of the rings: the tip
 # of a fold, not the rest of an organ.
 _MOST_ENCLOSED = 4
@@ -160,3 +166,40 @@ def loose_facets(points: Points, facets: Indices, smallest: float) -> Mask:
     if len(sizes):
         is_small[np.argmax(sizes)] = False
     return is_small[part]
+
+
+def orient_parts(facets: Indices) -> tuple[Indices, Mask]:
+    """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
+    uses = edge_uses(facets)
+    # Across an edge with more than two facets it is not known yet which belong together.
+    first, second = uses.plain_pairs.T
+    disagree = uses.directed[first, 0] == uses.directed[second, 0]
+    beside: list[list[tuple[int, bool]]] = [[] for _ in facets]
+    for f, g, d in zip(
+        uses.owner[first].tolist(), uses.owner[second].tolist(), disagree.tolist(), strict=True
+    ):
+        beside[f].append((g, d))
+        beside[g].append((f, d))
+    turned = np.full(len(facets), -1)
+    for start in range(len(facets)):
+        if turned[start] >= 0:
+            continue
+        turned[start] = 0
+        queue = deque([start])
+        while queue:
+            f = queue.popleft()
+            for g, d in beside[f]:
+                wanted = turned[f] ^ d
+                if turned[g] < 0:
+                    turned[g] = wanted
+                    queue.append(g)
+                elif turned[g] != wanted:
+                    raise OrientationError(
+                        f"the part of the surface around facets {f} and {g} is one-sided: no way "
+                        "to turn its facets makes neighbours agree; separate it there",
+                        [f, g],
+                    )
+    is_turned = turned == 1
+    out = facets.copy()
+    out[is_turned] = out[is_turned][:, ::-1]
+    return out, is_turned

@@ -11,7 +11,7 @@ import itertools
 import numpy as np
 
 from palpate.meshes.arrays import Indices, Integers, Points
-from palpate.meshes.surface_checks import NEAR, find_near_duplicates
+from palpate.meshes.surface_checks import find_near_duplicates
 from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths
 
 # Points on rims within this fraction of the shortest edge at either of them are merged.
@@ -38,14 +38,13 @@ def rim_pairs(points: Points, facets: Indices) -> Integers:
 
 
 def cut_at_hanging_points(
-    points: Points, facets: Indices, near: float | None = None
+    points: Points, facets: Indices, reach: float
 ) -> tuple[Indices, Integers, int]:
     """Cut facets whose open edge runs through points of other open edges.
 
-    Such a point is within `near` [m] of the edge; None takes 1e-6 of the box. Returns the facets,
-    the number of each before, and how many edges were cut.
+    Such a point is within `reach` [m] of the edge. Returns the facets, the number of each before,
+    and how many edges were cut.
     """
-    reach = NEAR * float(np.ptp(points, axis=0).max()) if near is None else near
     kept, count = np.arange(len(facets)), 0
     for _ in range(_MOST_PASSES):
         uses = edge_uses(facets)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,18 +9,28 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Integers, Mask
 from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.hole_filling import close_holes
-from palpate.meshes.repair.patches import SMALL, loose_facets, part_sizes
+from palpate.meshes.repair.patches import (
+    SMALL,
+    Fits,
+    edges_of,
+    loose_facets,
+    orient_parts,
+    part_sizes,
+)
 from palpate.meshes.repair.seams import cut_at_hanging_points, flip_flat_facets, rim_pairs
-from palpate.meshes.repair.sheets import Fits, double_walls, fins_of, split_touching
+from palpate.meshes.repair.sheets import double_walls, fins_of, split_touching
 from palpate.meshes.shells import ShellKind, find_shells
-from palpate.meshes.surface_checks import find_near_duplicates
+from palpate.meshes.surface_checks import NEAR, find_near_duplicates
 from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     NonManifoldError,
-    OrientationError,
     TriSurface,
 )
 from palpate.meshes.triangles import connected_parts, edge_uses
+
+
+def _no_facets() -> Integers:
+    return np.zeros(0, dtype=np.int64)
 
 
 @dataclass
@@ -44,6 +53,9 @@ class RepairReport:
         open_holes: Points of the loops that were left open, numbered as after.
         small_parts: Longest sides of the boxes of small parts that remain [m].
         unused_points: Points, by their number before, that no facet used.
+        merged: The surface with its points merged and edges cut, before all else.
+        merged_sources: Number before of each facet of it.
+        sources: Number before of each facet of the result; -1 in caps.
     """
 
     merged_points: int = 0
@@ -60,6 +72,9 @@ class RepairReport:
     open_holes: list[list[int]] = field(default_factory=list)
     small_parts: list[float] = field(default_factory=list)
     unused_points: list[int] = field(default_factory=list)
+    merged: TriSurface | None = field(default=None, compare=False)
+    merged_sources: Integers = field(default_factory=_no_facets, compare=False)
+    sources: Integers = field(default_factory=_no_facets, compare=False)
 
     def lines(self) -> list[str]:
         """One line of text for each kind of change."""
@@ -70,7 +85,7 @@ class RepairReport:
             (self.merged_points, "point(s) merged into a near one"),
             (self.cut_edges, "open edge(s) cut at points that lie on them"),
             (len(self.dropped_facets), "flat or repeated facet(s) dropped"),
-            (len(self.fin_facets), "facet(s) of fins, inner walls and scraps removed"),
+            (len(self.fin_facets), "facet(s) of thin fins, inner walls and scraps removed"),
             (len(self.loose_facets), "facet(s) of small loose parts dropped"),
             (self.flipped_edges, "edge(s) across flat facets flipped"),
             (
@@ -117,7 +132,7 @@ def repair_surface(
     Args:
         surface: Any surface.
         near: Points within this distance are merged [m]; None takes 1e-6 of the longest side of
-            the bounding box. Along open edges it is a hundredth of the shortest edge as well.
+            each part's box. Along open edges it is a hundredth of the shortest edge as well.
         largest_hole: See `RepairChoices`.
         smallest_shell: See `RepairChoices`.
         fits: Whether points and facets have no crossing at the marked facets; chooses caps and
@@ -133,8 +148,10 @@ def repair_surface(
     report.unused_points = np.setdiff1d(np.arange(len(surface.points)), used).tolist()
     points = surface.points
     facets, kept, is_wall = _merge_points(surface, near, report)
-    facets, cut, report.cut_edges = cut_at_hanging_points(points, facets, near)
+    reach = NEAR * float(part_sizes(points, facets)[1].max()) if near is None else near
+    facets, cut, report.cut_edges = cut_at_hanging_points(points, facets, reach)
     kept, is_wall = kept[cut], is_wall[cut]
+    report.merged, report.merged_sources = TriSurface(points, facets), kept
     is_double = double_walls(points, facets)
     report.fin_facets = kept[is_double].tolist()
     facets, kept, is_wall = facets[~is_double], kept[~is_double], is_wall[~is_double]
@@ -144,7 +161,7 @@ def repair_surface(
     is_loose = loose_facets(points, facets, smallest_shell)
     report.loose_facets = np.unique(kept[is_loose]).tolist()
     facets, kept = facets[~is_loose], kept[~is_loose]
-    facets, turned = _orient_parts(facets)
+    facets, turned = orient_parts(facets)
     points, facets, report.split_points, report.gap = split_touching(points, facets, fits)
     uses = edge_uses(facets)
     if np.any(uses.counts > 2):
@@ -155,6 +172,12 @@ def repair_surface(
         raise error
     facets, report.flipped_edges = flip_flat_facets(points, facets)
     closed = close_holes(points, facets, largest_hole=largest_hole, fits=fits)
+    if np.all(edge_uses(closed.facets).counts == 2):
+        # Caps close fans around points where other sheets go on.
+        closed.points, closed.facets, count, gap = split_touching(
+            closed.points, closed.facets, fits
+        )
+        report.split_points, report.gap = report.split_points + count, max(report.gap, gap)
     sizes = part_sizes(closed.points, closed.facets)[1]
     report.small_parts = sizes[sizes < SMALL * sizes.max(initial=0.0)].tolist()
     facets, shells_turned = _orient_shells(TriSurface(closed.points, closed.facets))
@@ -162,6 +185,7 @@ def repair_surface(
     flips[: len(kept)] ^= turned
     report.turned_facets = np.unique(kept[flips[: len(kept)]]).tolist()
     report.caps = closed.caps
+    report.sources = np.concatenate([kept, np.full(len(facets) - len(kept), -1)])
     # Points in the order of their first appearance; the loops in those numbers.
     corners = facets.reshape(-1)
     found, first = np.unique(corners, return_index=True)
@@ -173,6 +197,23 @@ def repair_surface(
     return TriSurface(closed.points[order], number[facets].astype(np.int32)), report
 
 
+def _near_pairs(surface: TriSurface, near: float | None) -> Integers:
+    """Pairs of points to merge, shape (num_pairs, 2): a far crumb makes no distance larger."""
+    points = surface.points
+    if near is not None or not surface.num_facets:
+        return find_near_duplicates(points, near)
+    same = find_near_duplicates(points, 0.0)
+    part = connected_parts(len(points), np.vstack([same, edges_of(surface.facets)]))
+    low, high = np.full((2, part.max() + 1, 3), np.inf)
+    np.minimum.at(low, part, points)
+    np.minimum.at(high, part, -points)
+    size = (-high - low).max(axis=1)
+    pairs = find_near_duplicates(points, NEAR * float(size.max()))
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    near_enough: Integers = pairs[apart <= NEAR * size[part[pairs]].min(axis=1)]
+    return near_enough
+
+
 def _merge_points(
     surface: TriSurface, near: float | None, report: RepairReport
 ) -> tuple[Indices, Integers, Mask]:
@@ -180,7 +221,7 @@ def _merge_points(
 
     A wall is a facet that is given twice, facing both ways.
     """
-    pairs = find_near_duplicates(surface.points, near)
+    pairs = _near_pairs(surface, near)
     target = connected_parts(len(surface.points), pairs)
     first = np.unique(target, return_index=True)[1]
     merged = first[target][surface.facets]
@@ -207,43 +248,6 @@ def _merge_points(
     is_even = (rank[:, 1] - rank[:, 0]) % 3 == 1
     both = np.bincount(same.reshape(-1), is_even) * np.bincount(same.reshape(-1), ~is_even) > 0
     return facets[stays], np.flatnonzero(stays), both[same.reshape(-1)][stays]
-
-
-def _orient_parts(facets: Indices) -> tuple[Indices, Mask]:
-    """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
-    uses = edge_uses(facets)
-    # Across an edge with more than two facets it is not known yet which belong together.
-    first, second = uses.plain_pairs.T
-    disagree = uses.directed[first, 0] == uses.directed[second, 0]
-    beside: list[list[tuple[int, bool]]] = [[] for _ in facets]
-    for f, g, d in zip(
-        uses.owner[first].tolist(), uses.owner[second].tolist(), disagree.tolist(), strict=True
-    ):
-        beside[f].append((g, d))
-        beside[g].append((f, d))
-    turned = np.full(len(facets), -1)
-    for start in range(len(facets)):
-        if turned[start] >= 0:
-            continue
-        turned[start] = 0
-        queue = deque([start])
-        while queue:
-            f = queue.popleft()
-            for g, d in beside[f]:
-                wanted = turned[f] ^ d
-                if turned[g] < 0:
-                    turned[g] = wanted
-                    queue.append(g)
-                elif turned[g] != wanted:
-                    raise OrientationError(
-                        f"the part of the surface around facets {f} and {g} is one-sided: no way "
-                        "to turn its facets makes neighbours agree; separate it there",
-                        [f, g],
-                    )
-    is_turned = turned == 1
-    out = facets.copy()
-    out[is_turned] = out[is_turned][:, ::-1]
-    return out, is_turned
 
 
 def _orient_shells(surface: TriSurface) -> tuple[Indices, Mask]:

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from palpate.meshes.material_law import Law
-from palpate.meshes.repair.choices import LARGEST_HOLE
+from palpate.meshes.repair.choices import LARGEST_HOLE, LIMIT
 from palpate.meshes.untrusted import is_a_float
 
 # Largest number that a float64 and a machine word both represent without loss.
@@ -161,7 +161,7 @@ if TYPE_CHECKING:
     ShapeName: TypeAlias = str
 else:
     ShapeName = Literal[tuple(SHAPES)]
-_REPAIR_KEYS = ("repair_distance", "largest_hole", "smallest_shell")
+_REPAIR_KEYS = ("repair_distance", "repair_limit", "largest_hole", "smallest_shell")
 
 
 class GeometrySpec(Table):
@@ -176,13 +176,15 @@ class GeometrySpec(Table):
     repair: Flag = False
     """Whether to repair the surface; the report says what was changed."""
     repair_distance: Positive | None = None
-    """How far it may move where it cuts itself [units.length]; two mean edges where not said."""
+    """How far each of its parts may move [units.length]; half the part's mean edge if not said."""
+    repair_limit: NotNegative = LIMIT
+    """Largest change of a part's volume [%]; from 100 on parts may be lost or fused."""
     largest_hole: Annotated[Count, Field(ge=0)] = LARGEST_HOLE
     """Most edges of a hole that is closed; facet groups "cap 1", ... are what closes them."""
     smallest_shell: NotNegative = 0.0
     """Loose parts whose box is shorter are dropped [units.length]."""
     wrap: Positive | None = None
-    """A new closed surface around it, at most this far away, instead of repair [units.length]."""
+    """A new closed surface around it, or around what is repaired, this far away [units.length]."""
     size: Vector | None = None
     """Lengths of a box along x, y, z [units.length]."""
     length: Positive | None = None
@@ -206,7 +208,7 @@ class GeometrySpec(Table):
         parameters = {*SHAPES[self.shape], "edge_length"} if self.shape else set()
         extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
         if self.surface is not None:
-            extra -= {"wrap"} if self.wrap is not None else {"repair"}
+            extra -= {"wrap", "repair"}
             extra -= set(_REPAIR_KEYS if self.repair else ())
         what = f"shape {self.shape!r}" if self.shape else given[0]
         hint = "; cells are sized by edge_length" if extra == {"size"} else ""

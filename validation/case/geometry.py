@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.fastsim.exact_repair.part_changes import ChangedPartError, table
 from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_solid
 from palpate.fastsim.exact_repair.wrap import WrapError, wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
@@ -40,7 +41,7 @@ from palpate.meshes.tri_surface import (
     TriSurface,
 )
 from palpate.validation.case.body_schema import SHAPES, GeometrySpec
-from palpate.validation.case.units import Units
+from palpate.validation.case.units import LENGTH, Units
 
 MOST_CELLS = 2_000_000
 # Limits for a box around the body, which may be mostly empty.
@@ -60,16 +61,21 @@ REMEDIES: dict[type[InputError], tuple[str, str]] = {
         f"{_REPAIR} closes holes, --largest-hole N (largest_hole) says how long ones",
         f"--largest-hole N (largest_hole) closes longer ones; {_WRAP}",
     ),
-    FinError: (f"{_REPAIR} cuts fins off", _WRAP),
+    FinError: (f"{_REPAIR} cuts thin fins off", _WRAP),
     NonManifoldError: (f"{_REPAIR} parts sheets that touch and removes walls within", _WRAP),
     OrientationError: (f"{_REPAIR} turns facets", _WRAP),
     DegenerateFacetError: (f"{_REPAIR} flips edges across flat facets or drops these", _WRAP),
     DuplicateFacetError: (f"{_REPAIR} drops copies", _WRAP),
     SelfIntersectionError: (f"{_REPAIR} repairs what cuts itself", _WRAP),
-    EntangledError: ("", f"--repair-distance D (repair_distance) allows more; {_WRAP}"),
+    EntangledError: ("", _WRAP),
+    ChangedPartError: (
+        "",
+        "--repair-limit P and --repair-distance D (repair_limit, repair_distance) say how much; "
+        f"{_WRAP}",
+    ),
     BoundaryRecoveryError: (_OTHERS, _OTHERS),
     DuplicatePointError: (f"{_REPAIR} merges points", _WRAP),
-    FlatCellError: (f"{_REPAIR} merges points", _WRAP),
+    FlatCellError: (f"{_OTHERS}; {_REPAIR} merges points", f"{_OTHERS}; {_WRAP}"),
 }
 # Files whose facets are counted from 1; the others count from 0.
 _FROM_ONE = (".obj", ".msh", ".stl")
@@ -99,12 +105,14 @@ def load_surface(
     scale: float,
     repair: RepairChoices | None = None,
     wrap: float | None = None,
+    time_limit: float | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> LoadedSurface:
     """Read a surface that bounds a solid, repaired first where that is asked for.
 
     Bodies that face inwards are turned round, and that is said, without being asked: nothing moves.
-    `scale` is metres per unit of the file; `wrap` how far a new surface around it may lie [m],
-    instead of repair.
+    `scale` is metres per unit of the file; `wrap` how far a new surface around it may lie [m], of
+    what a repair left where both are asked for. `time_limit` and `progress` are for the wrap.
 
     Raises:
         InputError: It cannot be read, or bounds no solid.
@@ -116,14 +124,23 @@ def load_surface(
     is_as_given = repair is None and wrap is None
     try:
         with advised(path, surface, is_as_given=False):
-            if wrap is not None:
-                surface, wrapped = wrap_surface(surface, distance=wrap)
-                notes = [wrapped.line()]
-            elif repair is not None:
+            if repair is not None:
                 notes = [n for n in notes if "without a facet" in n]
-                repaired = repair_to_solid(surface, repair)
-                surface, groups = repaired.surface, repaired.caps
-                notes += repaired.lines
+                try:
+                    repaired = repair_to_solid(surface, repair)
+                except SurfaceError as error:
+                    if wrap is None:
+                        raise
+                    notes.append(f"wrapped as given, since no repair succeeded: {error.summary}")
+                else:
+                    surface, groups = repaired.surface, repaired.caps
+                    notes += [*repaired.lines, *table(repaired.changes, *_unit_of(scale))]
+            if wrap is not None:
+                surface, wrapped = wrap_surface(
+                    surface, distance=wrap, time_limit=time_limit, progress=progress
+                )
+                groups = {}
+                notes.append(wrapped.line())
     except WrapError as error:
         error.args = (f"{path.name}: {error}",)
         raise
@@ -142,6 +159,11 @@ def load_surface(
             f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
         )
     return LoadedSurface(surface, notes, groups, path, is_as_given, given[0])
+
+
+def _unit_of(scale: float) -> tuple[str, float]:
+    """A file's unit of length by its size, and this; metres where it has no name."""
+    return next(((name, size) for name, size in LENGTH.items() if size == scale), ("m", 1.0))
 
 
 def _at(point: Iterable[float]) -> str:

@@ -144,6 +144,7 @@ def _repair_choices(geometry: GeometrySpec, units: Units) -> RepairChoices | Non
     given = geometry.repair_distance
     return RepairChoices(
         distance=None if given is None else units.metres(given),
+        limit=geometry.repair_limit,
         largest_hole=geometry.largest_hole,
         smallest_shell=units.metres(geometry.smallest_shell),
     )

@@ -49,7 +49,10 @@ def mesh(
         typer.Option(help="close holes, repair what cuts itself, turn, merge; each is reported"),
     ] = False,
     repair_distance: Annotated[
-        float | None, typer.Option(help="how far that may move it; two mean edges if not given")
+        float | None, typer.Option(help="how far parts may move; half a mean edge if not given")
+    ] = None,
+    repair_limit: Annotated[
+        float | None, typer.Option(help="most % of a part's volume; 2 if not given, 100 is all")
     ] = None,
     largest_hole: Annotated[
         int | None, typer.Option(help="most edges of a hole that is closed; 100 if not given")
@@ -103,6 +106,8 @@ def mesh(
     import numpy as np
 
     from palpate.fastsim.critical_cells import find_critical_cells
+    from palpate.fastsim.mesher import FlatCellError
+    from palpate.meshes.errors import InvertedCellError
     from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.label_images import is_label_image
@@ -164,12 +169,19 @@ def mesh(
     if surface == "kidney":
         loaded = LoadedSurface(shape_kidney(edge_length=size * scale if size else 0.008), [], {})
     else:
-        choices = _choices(repair, repair_distance, largest_hole, smallest_shell, scale)
-        if wrap is not None and choices is not None:
-            raise InputError("--wrap replaces --repair: give one of the two")
+        choices = _choices(
+            repair, repair_distance, repair_limit, largest_hole, smallest_shell, scale
+        )
         away = None if wrap is None else wrap * scale
         with units.in_own_words():
-            loaded = load_surface(Path(surface), scale=scale, repair=choices, wrap=away)
+            loaded = load_surface(
+                Path(surface),
+                scale=scale,
+                repair=choices,
+                wrap=away,
+                time_limit=time_limit,
+                progress=progress_lines(),
+            )
         for note in loaded.notes:
             progress_lines()(units.in_case_units(note))
     if grade_to is not None and not all(map(math.isfinite, grade_to)):
@@ -204,7 +216,13 @@ def mesh(
     files = [one.given for one in (loaded, *within.values()) if one.given is not None]
     points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
     mesh = built.mesh
-    scaled = TetMesh(points, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups)
+    try:
+        scaled = TetMesh(points, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups)
+    except InvertedCellError as error:
+        # Positive in metres, and flat by the rounding of the file's coordinates.
+        with units.in_own_words():
+            flat = FlatCellError(error.cells, mesh.points[mesh.cells[error.cells[0]]].mean(axis=0))
+            raise InputError(f"{surface}: {flat}: --free D may replace facets within D") from error
     write_mesh(output, scaled, groups=True)
     origin = units.in_case_units(built.origin)
     line = (
@@ -234,15 +252,17 @@ def _inclusions(given: list[str]) -> list[tuple[str, Path]]:
 def _choices(
     repair: bool,
     distance: float | None,
+    limit: float | None,
     largest_hole: int | None,
     smallest_shell: float | None,
     scale: float,
 ) -> RepairChoices | None:
     """The permitted repairs, in metres; refuses these options without --repair."""
-    from palpate.meshes.repair.choices import LARGEST_HOLE, RepairChoices
+    from palpate.meshes.repair.choices import LARGEST_HOLE, LIMIT, RepairChoices
 
     given = {
         "--repair-distance": distance,
+        "--repair-limit": limit,
         "--largest-hole": largest_hole,
         "--smallest-shell": smallest_shell,
     }
@@ -253,6 +273,7 @@ def _choices(
         return None
     return RepairChoices(
         distance=None if distance is None else distance * scale,
+        limit=LIMIT if limit is None else limit,
         largest_hole=LARGEST_HOLE if largest_hole is None else largest_hole,
         smallest_shell=(smallest_shell or 0.0) * scale,
     )

@@ -20,6 +20,8 @@ double distance_squared_to(const Box &box, const Point &p) {
 
 // The deepest tree of 2^31 facets, one sibling left open on each level.
 constexpr std::size_t deepest = 64;
+// Halvings of a triangle until its bound is taken as it is.
+constexpr std::size_t most_halvings = 2000;
 
 } // namespace
 
@@ -55,6 +57,69 @@ SurfaceDistance::SurfaceDistance(std::vector<Point> points,
 
 ClosestPoint SurfaceDistance::closest(const Point &place) const {
     return search(place, std::numeric_limits<double>::infinity(), false);
+}
+
+// The distance from one facet is convex, so that over a triangle it is largest at a corner: the
+// smallest such maximum over some facets bounds the distance from all of them. The piece with the
+// largest bound is halved until that is near what was found at corners.
+double SurfaceDistance::farthest(const std::array<Point, 3> &triangle, double accuracy) const {
+    struct Piece {
+        std::array<Point, 3> corners;
+        std::array<ClosestPoint, 3> near;
+        double bound; // squared
+
+        bool operator<(const Piece &other) const { return bound < other.bound; }
+    };
+    double found = 0.0; // squared, at corners
+    const auto bounded = [&](Piece piece) {
+        piece.bound = std::numeric_limits<double>::infinity();
+        for (const ClosestPoint &near : piece.near) {
+            found = std::max(found, near.distance_squared);
+            const auto &f = _facets[static_cast<std::size_t>(near.facet)];
+            double most = 0.0;
+            for (const Point &p : piece.corners) {
+                const Point gap =
+                    minus(closest_on_triangle(p, _points[static_cast<std::size_t>(f[0])],
+                                              _points[static_cast<std::size_t>(f[1])],
+                                              _points[static_cast<std::size_t>(f[2])]),
+                          p);
+                most = std::max(most, dot(gap, gap));
+            }
+            piece.bound = std::min(piece.bound, most);
+        }
+        return piece;
+    };
+    std::vector<Piece> open{bounded(
+        {triangle, {closest(triangle[0]), closest(triangle[1]), closest(triangle[2])}, 0.0})};
+    for (std::size_t halvings = 0; halvings < most_halvings; ++halvings) {
+        const double enough = accuracy + 1.01 * std::sqrt(found);
+        if (open.front().bound <= enough * enough)
+            break;
+        std::pop_heap(open.begin(), open.end());
+        const Piece piece = open.back();
+        open.pop_back();
+        std::size_t k = 0;
+        double longest = -1.0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const Point side = minus(piece.corners[(i + 1) % 3], piece.corners[i]);
+            if (dot(side, side) > longest) {
+                longest = dot(side, side);
+                k = i;
+            }
+        }
+        const std::size_t next = (k + 1) % 3;
+        const Point middle =
+            along(piece.corners[k], minus(piece.corners[next], piece.corners[k]), 0.5);
+        const ClosestPoint near = closest(middle);
+        Piece one = piece, other = piece;
+        one.corners[next] = other.corners[k] = middle;
+        one.near[next] = other.near[k] = near;
+        for (const Piece &half : {one, other}) {
+            open.push_back(bounded(half));
+            std::push_heap(open.begin(), open.end());
+        }
+    }
+    return std::sqrt(open.front().bound);
 }
 
 bool SurfaceDistance::is_within(const Point &place, double distance) const {

@@ -18,6 +18,10 @@ class SurfaceDistance {
 
     [[nodiscard]] ClosestPoint closest(const Point &place) const;
 
+    // An upper bound of the largest distance of a triangle's points from the surface, above it by
+    // at most `accuracy` and a hundredth of it where few halvings of the triangle suffice.
+    [[nodiscard]] double farthest(const std::array<Point, 3> &triangle, double accuracy) const;
+
     // Whether some point of the surface is within the distance; quicker than `closest`.
     [[nodiscard]] bool is_within(const Point &place, double distance) const;
 

@@ -23,6 +23,7 @@ using Place = std::array<Index, 3>; // of a corner or cube in the grid
 
 constexpr Index largest_place = (1 << 20) - 1;
 constexpr double half = 0.5;
+constexpr std::size_t cubes_between_calls = 4096;
 // Points keep this part of an edge away from its ends: no facet is flat.
 constexpr double margin = 0.06;
 // Of the spacing, where the grid begins before the box: no plane of a model lies on a grid plane.
@@ -52,7 +53,7 @@ class Wrapper {
             _origin[i] = _tree.nodes()[0].box.low[i] - offset[i] * spacing;
     }
 
-    WrappedSurface run() {
+    WrappedSurface run(const std::function<void(std::size_t)> &tell) {
         const Box &box = _tree.nodes()[0].box;
         for (std::size_t i = 0; i < 3; ++i)
             // Places in the grid have 20 bits, with room beyond for holes that bulge.
@@ -60,7 +61,9 @@ class Wrapper {
                 return {{}, {}, true};
         for (const Facet &f : _facets)
             seed(at(f[0]), at(f[1]), at(f[2]));
-        while (!_open.empty() && _known.size() <= _most_cubes) {
+        for (std::size_t cubes = 0; !_open.empty() && _known.size() <= _most_cubes; ++cubes) {
+            if (cubes % cubes_between_calls == 0)
+                tell(cubes);
             const Place cube = _open.back();
             _open.pop_back();
             cut(cube);
@@ -262,8 +265,9 @@ class Wrapper {
 } // namespace
 
 WrappedSurface wrap_surface(std::span<const Point> points, std::span<const Facet> facets,
-                            double spacing, std::size_t most_cubes) {
-    return Wrapper(points, facets, spacing, most_cubes).run();
+                            double spacing, std::size_t most_cubes,
+                            const std::function<void(std::size_t)> &tell) {
+    return Wrapper(points, facets, spacing, most_cubes).run(tell);
 }
 
 } // namespace fastsim

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -19,9 +20,10 @@ struct WrappedSurface {
 
 // Cubes of edge `spacing` [m], at most `most_cubes` of them. The result is closed, manifold,
 // outward and crosses nothing: its points lie within different edges of one tetrahedralisation.
-// Pre-condition: at least one facet; finite.
+// `tell` is called with the number of cubes cut so far, after each few thousand; what it throws
+// ends the work. Pre-condition: at least one facet; finite.
 WrappedSurface wrap_surface(std::span<const Point> points,
                             std::span<const std::array<std::int32_t, 3>> facets, double spacing,
-                            std::size_t most_cubes);
+                            std::size_t most_cubes, const std::function<void(std::size_t)> &tell);
 
 } // namespace fastsim

@@ -186,7 +186,8 @@ def require_repaired(given: Perturbed) -> bool:
     allowed = given.size + distance
     start, refused = time.process_time(), None
     try:
-        choices = RepairChoices(distance=distance, smallest_shell=given.smallest_shell)
+        # Judged by distances here: of small bodies these are more of the volume.
+        choices = RepairChoices(distance, limit=100.0, smallest_shell=given.smallest_shell)
         repaired = repair_to_solid(given.surface, choices).surface
         mesh = mesh_surface(repaired, time_limit=100.0)
     except InputError as error:

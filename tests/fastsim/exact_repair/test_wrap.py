@@ -10,6 +10,7 @@ import pytest
 from palpate.fastsim import _core
 from palpate.fastsim.exact_repair.patch_repairs import all_crossings
 from palpate.fastsim.exact_repair.wrap import WrapError, WrapReport, wrap_surface
+from palpate.fastsim.mesher import TimeLimitError
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import winding_numbers
@@ -17,6 +18,10 @@ from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import EmptySurfaceError, TriSurface
 
 BALL = shape_sphere(1.0, edge_length=0.2)
+
+
+def ignore(_cubes: int) -> None:
+    """A watch that lets it go on."""
 
 
 def require_wrapped(given: TriSurface, distance: float) -> tuple[TriSurface, WrapReport]:
@@ -71,9 +76,9 @@ def test_a_hole_is_bridged_and_told() -> None:
 
 
 def test_what_cannot_be_wrapped_is_refused() -> None:
-    inside_out = TriSurface(BALL.points, BALL.facets[:, ::-1])
+    sheet = TriSurface(BALL.points, BALL.facets[BALL.points[BALL.facets, 2].min(axis=1) > 0.9])
     with pytest.raises(WrapError, match="enclose nothing"):
-        wrap_surface(inside_out, distance=0.2)
+        wrap_surface(sheet, distance=0.2)
     with pytest.raises(WrapError, match=r"about 3\.\de\+19 cubes.* 0\.00\d+ m would do"):
         wrap_surface(BALL, distance=1e-9)
     with pytest.raises(EmptySurfaceError):
@@ -85,7 +90,7 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
 
 def test_the_grid_alone_is_closed_and_crosses_nothing() -> None:
     box = shape_box((1.0, 0.7, 0.4), edge_length=0.35)
-    made = _core.wrap_surface(box.points, box.facets, 0.1, 100_000)
+    made = _core.wrap_surface(box.points, box.facets, 0.1, 100_000, ignore)
     new = TriSurface(made.points, made.facets)
     (shell,) = require_closed(new)
     assert shell.volume > 0.0
@@ -96,7 +101,7 @@ def test_the_grid_alone_is_closed_and_crosses_nothing() -> None:
     assert np.array_equal(
         winding_numbers(new, cells[far]) > 0.5, winding_numbers(box, cells[far]) > 0.5
     )
-    assert _core.wrap_surface(box.points, box.facets, 0.1, 10).is_too_fine
+    assert _core.wrap_surface(box.points, box.facets, 0.1, 10, ignore).is_too_fine
 
 
 @pytest.mark.parametrize("body", [BALL, shape_box((1.0, 0.7, 0.4), edge_length=0.35)])
@@ -119,3 +124,40 @@ def test_a_wide_hole_that_takes_too_many_cubes_is_refused(
     monkeypatch.setattr("palpate.fastsim.exact_repair.wrap._MOST_CUBES", 1_900)
     with pytest.raises(WrapError, match=r"holes are bridged.* try 0\.2 m"):
         wrap_surface(TriSurface(BALL.points, half), distance=0.1)
+
+
+def test_facets_that_face_inwards_are_taken_the_other_way_round() -> None:
+    inward = TriSurface(BALL.points, BALL.facets[:, ::-1])
+    new, report = require_wrapped(inward, 0.2)
+    outward, _ = require_wrapped(BALL, 0.2)
+    assert report.is_inward
+    assert "the facets face inwards" in report.line()
+    assert new.volume == outward.volume
+
+
+def test_distances_are_upper_bounds() -> None:
+    top = BALL.points[BALL.facets].mean(axis=1)[:, 2] > 0.7
+    given = TriSurface(BALL.points, BALL.facets[~top])
+    new, report = require_wrapped(given, 0.15)
+    weights = np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 50)
+    samples = np.einsum("sk,fkx->fsx", weights, new.points[new.facets]).reshape(-1, 3)
+    far = _core.SurfaceDistance(given.points, given.facets).distances(samples).max()
+    assert far <= report.bridge_distance <= 1.05 * far
+    (said,) = re.findall(r"up to ([\d.]+) m away", report.line())
+    assert float(said) >= report.bridge_distance
+
+
+def test_it_keeps_to_its_time_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(100_000))
+    monkeypatch.setattr("palpate.fastsim.exact_repair.wrap.time.monotonic", lambda: next(clock))
+    lines: list[str] = []
+    with pytest.raises(TimeLimitError, match=r"no mesh within 9 s: .* while wrapping the surface"):
+        wrap_surface(BALL, distance=0.02, time_limit=9.0, progress=lines.append)
+    assert lines
+    assert all(re.match(r"wrapping the surface: \d+ cubes", line) for line in lines)
+
+
+def test_far_off_coordinates_that_leave_no_digits_are_refused() -> None:
+    far = TriSurface(BALL.points + 1e14, BALL.facets)
+    with pytest.raises(WrapError, match="no digits; move the surface near the origin"):
+        wrap_surface(far, distance=0.1)

@@ -12,7 +12,6 @@ from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import find_near_duplicates, require_closed
 from palpate.meshes.tri_surface import (
     DegenerateFacetError,
-    NonManifoldError,
     OpenSurfaceError,
     OrientationError,
     TriSurface,
@@ -85,8 +84,7 @@ def test_shells_are_turned_by_their_nesting() -> None:
     assert len(report.turned_facets) == both.num_facets
 
 
-def test_what_cannot_be_repaired_safely_is_refused() -> None:
-    # A wall across the box, given once: three facets at its edges, and no side is the outside.
+def test_a_wall_within_goes_and_what_cannot_be_repaired_safely_is_refused() -> None:
     box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
     at = [int(np.argmin(np.abs(box.points - [0.5, y, z]).sum(axis=1))) for y, z in _AROUND]
     centre = len(box.points)
@@ -94,8 +92,11 @@ def test_what_cannot_be_repaired_safely_is_refused() -> None:
         np.vstack([box.points, [[0.5, 0.5, 0.5]]]),
         np.vstack([box.facets, [[at[k], at[(k + 1) % 8], centre] for k in range(8)]]),
     )
-    with pytest.raises(NonManifoldError):
-        repair_surface(walled)
+    # A wall across the box, given once: three facets at its edges. The solid is that without it.
+    repaired, report = repair_surface(walled)
+    require_closed(repaired)
+    assert report.fin_facets == list(range(box.num_facets, walled.num_facets))
+    assert repaired.volume == pytest.approx(box.volume, rel=1e-12)
     with pytest.raises(DegenerateFacetError):
         repair_surface(BALL, near=10.0)
     k = np.arange(6)

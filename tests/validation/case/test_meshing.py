@@ -1,6 +1,7 @@
 """Bodies of cases: shapes, files, inclusions, and what is wrong with a surface."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -238,7 +239,7 @@ def test_a_fin_is_no_hole_and_is_named_by_number_and_position(tmp_path, suffix, 
     assert said == (
         f"organ{suffix}: 1 fin(s) of 1 facet(s) stand on the surface and end free, facet "
         f"{BALL.num_facets + start} at ({x:.6g}, {y:.6g}, {z:.6g}) mm (the file's first is "
-        f"{start}); --repair (repair = true in a case) cuts fins off"
+        f"{start}); --repair (repair = true in a case) cuts thin fins off"
     )
     repaired = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"])
     assert repaired.exit_code == 0
@@ -280,9 +281,17 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     assert ") mm" in said
     assert "facet " in said
     said = refused(path, "--repair", "--repair-distance", "0.001")
-    assert "could not be repaired within 0.001 mm" in said
     assert "--repair-distance D" in said
     assert "--wrap D" in said
+    (enough,) = re.findall(r"a repair distance of ([\d.]+) mm would allow it", said)
+    arguments = ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"]
+    done = RUN.invoke(app, [*arguments, "--repair-distance", enough])
+    assert done.exit_code == 0
+    assert "volume [mm3]" in done.output
+    # What is refused may be wrapped, and what is repaired as well.
+    wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "1", "--force"])
+    assert wrapped.exit_code == 0
+    assert "wrapped as given, since no repair succeeded: the repair goes too far" in wrapped.output
     assert " m," not in said
     assert " m;" not in said
 

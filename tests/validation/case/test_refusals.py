@@ -115,7 +115,7 @@ SCHEMA = [
     ((BOX, 'shape = "kidney"\nsize = [0.1, 0.1, 0.1]'), "cells are sized by edge_length"),
     ((BOX, 'surface = "liver.stl"\nsize = [0.1, 0.1, 0.1]'), "cells are sized by edge_length"),
     ((BOX, 'surface = "torn.off"\nlargest_hole = 20'), "takes no largest_hole"),
-    ((BOX, 'surface = "torn.off"\nwrap = 0.3\nrepair = true'), "takes no repair"),
+    ((BOX, 'surface = "torn.off"\nrepair_limit = 5.0'), "takes no repair_limit"),
     ((BOX, BOX + "\nrepair = true"), "takes no repair"),
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1"), "exactly one of point"),
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1\npoint = [0, 0, 0]\nboundary = true"),
