@@ -302,7 +302,7 @@ def judge(
 
 def compare(
     case: AnyCase,
-    answer: str | Path | State | ArrayLike,
+    solution: str | Path | State | ArrayLike,
     *,
     element: ElementName | None = None,
     integrator: str | None = None,
@@ -318,7 +318,7 @@ def compare(
 
     Args:
         case: A case with at least one check.
-        answer: The solution: a result file (.vtu, .npz, .csv), a state, or displacements [m] in the
+        solution: A result file (.vtu, .npz, .csv), a state, or displacements [m] in the
             shape that `judge` expects.
         element: The tetrahedra that it is judged by, linear where None, whatever the solution says.
         integrator: See `judge`.
@@ -337,17 +337,17 @@ def compare(
         InputError: See `judge`; or the file cannot be read.
 
     >>> import palpate
-    >>> answer = palpate.solve(palpate.load_case("block").problem)
-    >>> palpate.compare("block", answer).verdict
+    >>> solution = palpate.solve(palpate.load_case("block").problem)
+    >>> palpate.compare("block", solution).verdict
     <Verdict.PASSED: 'passed'>
-    >>> palpate.compare("block", 1.02 * answer.displacement).verdict
+    >>> palpate.compare("block", 1.02 * solution.displacement).verdict
     <Verdict.FAILED: 'failed'>
     """
     from palpate.validation.candidates.candidate import solution_candidate
 
     kind = None if element is None else known_word(Element, element, "element")
     asked = _asked_steps(integrator, time_step, time_limit)
-    candidates = [solution_candidate(answer, kind, asked)]
+    candidates = [solution_candidate(solution, kind, asked)]
     return _judged(_case(case), candidates, law, precision, contact, live=live, progress=progress)
 
 
@@ -391,7 +391,7 @@ def _judged(
 
 def audit(
     case: AnyCase,
-    answer: str | Path | State | ArrayLike,
+    solution: str | Path | State | ArrayLike,
     *,
     strain: StrainName | None = None,
     degree: int = 2,
@@ -402,7 +402,7 @@ def audit(
 
     Args:
         case: A static case.
-        answer: The solution, see `compare`.
+        solution: See `compare`.
         strain: Strain measure of the equations; the case's where None.
         degree: Of the test functions: 1 judges the solver; 2 and 3 the mesh too, and need FEniCSx.
         element: The tetrahedra whose equations degree 1 tests; linear where None.
@@ -418,8 +418,8 @@ def audit(
         ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
 
     >>> import palpate
-    >>> answer = palpate.solve(palpate.load_case("block").problem)
-    >>> found = palpate.audit("block", answer, degree=1)
+    >>> solution = palpate.solve(palpate.load_case("block").problem)
+    >>> found = palpate.audit("block", solution, degree=1)
     >>> found.relative_residual_norm < 1e-8, found.smallest_det_f > 0.0
     (True, True)
     """
@@ -430,7 +430,7 @@ def audit(
     loaded = _case(case)
     used = loaded.strain if strain is None else known_word(Strain, strain, "strain")
     kind = None if element is None else known_word(Element, element, "element")
-    candidate = solution_candidate(answer, kind)
+    candidate = solution_candidate(solution, kind)
     from palpate.validation.judging.audit import audit_result
 
     _, found = audit_result(loaded, candidate, strain=used, degree=degree, progress=progress)

@@ -97,7 +97,7 @@ class ResultCache:
 
         Args:
             name: Its name for people.
-            asked: A hash of the question that it answers.
+            asked: A hash of what was asked.
         """
         return self.folder / f"{re.sub(r'[^A-Za-z0-9.-]', '_', name)}-{asked[:16]}.json"
 

@@ -328,7 +328,7 @@ def solution_candidate(
             solution.displacement if solution.trajectory is None else solution.displacements
         )
     else:
-        name, given = "answer", solution
+        name, given = "solution", solution
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name} is looked at")

@@ -167,7 +167,7 @@ def _run(words: list[str], folder: Path, time_limit: float) -> None:
                 process.wait(time_limit)
         except subprocess.TimeoutExpired:
             raise CandidateFailedError(
-                f"no answer within {time_limit:g} s{_last_line(output)}"
+                f"no result within {time_limit:g} s{_last_line(output)}"
             ) from None
         except OSError as error:
             raise CommandError(

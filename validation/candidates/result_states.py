@@ -50,7 +50,7 @@ def state_of_result(
     """
     if result.case_key and result.case_key != case_key(problem, strain):
         raise ResultFileError(
-            result.path, "answers another case (its `case_key` differs): run it again"
+            result.path, "belongs to another case (its `case_key` differs): run it again"
         )
     matched = match_points(result, problem)
     stated = dict(result.about)

@@ -223,7 +223,7 @@ class EvidenceSpec(Table):
     """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
 
     question: str = ""
-    """The question that the simulation shall answer."""
+    """The question that the simulation is for."""
     context_of_use: str = ""
     """Where the result is used, and with what other evidence."""
     quantities_of_interest: str = ""

@@ -95,7 +95,7 @@ def read_axis(words: str, case: Case) -> Axis:
 
 
 def variants(case: Case, axes: Sequence[Axis]) -> list[Variant]:
-    """Every combination of values; each is built, so that a bad one is told before any is solved.
+    """Every combination of values; each is built, so that a bad one is refused before a solve.
 
     Raises:
         VaryError: No axis, one twice, or too many combinations.

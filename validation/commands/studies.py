@@ -46,7 +46,7 @@ def study(
     ],
     output: Folder,
 ) -> None:
-    """Remake a study of the paper, or one of what the answers depend on."""
+    """Remake a study of the paper, or one of what the results depend on."""
     from palpate.validation.run_folder import run_folder
     from palpate.validation.studies import run_study
 

@@ -186,7 +186,7 @@ def _isotropy(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
     Q = rotations(len(F))
     P = law.stress(F)
     errors = _sizes(law.stress(F @ Q) - P @ Q) / _scale(P, material)
-    message = "a body turned at rest answers otherwise: the law has directions of its own"
+    message = "a body turned at rest responds otherwise: the law has directions of its own"
     return _finding("isotropy", kind, errors, _IDENTITY, F, message)
 
 
@@ -229,7 +229,7 @@ def _scale(P: Array, material: Material) -> Array:
 _FITS = 1e-6
 
 
-# Columns of a fit that are nearer to one another than this are not told apart: a misfit of _FITS
+# Columns of a fit that are nearer to one another than this are not distinguished: a misfit of _FITS
 # would be one of a thousandth in the factors.
 _APART = 1e-3
 

@@ -62,7 +62,7 @@ def describe_conventions(strain: Strain, law: Law = Law.SAINT_VENANT_KIRCHHOFF) 
         "arrays": texts["arrays"],
         "conventions": topics,
         "keys": texts["keys"],
-        "answer": texts["answer"],
+        "result": texts["result"],
     }
 
 

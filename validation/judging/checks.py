@@ -90,7 +90,7 @@ def judge_check(
     if judged is None or (reference is None and about.is_compared):
         verdict, why = Verdict.INCONCLUSIVE, failure or "there is no reference"
         if candidate is None and not is_of_truth:
-            verdict, why = Verdict.FAILED, failure or "the candidate gave no answer"
+            verdict, why = Verdict.FAILED, failure or "the candidate gave no result"
         scale = about.scale if is_of_truth else "-"
         missing = unjudged_check(spec, strain, verdict, why)
         shown = made_of.reported(with_geometry=True)

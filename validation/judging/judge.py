@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 # A candidate that takes longer [s] is not run again when its result is diagnosed.
 _QUICK = 10.0
 # Added to what a check found.
-VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
+VACUOUS = " (vacuous: a result in which nothing moves passes it)"
 # A process needs a second to begin, as long as a few cases take.
 _CASES_OF_A_PROCESS = 6
 _MOST_PROCESSES = 4
@@ -208,7 +208,7 @@ def _judge_one(
     unseen = judge.unseen()
     if unseen:
         notes.append(
-            f"No check of this case turns red when the answer is wrong like this: "
+            f"No check of this case turns red when the result is wrong like this: "
             f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
     found = []
@@ -331,7 +331,7 @@ def _verdict(checks: list[CheckResult], steps: Steps | None) -> tuple[Verdict, l
         return verdict, []
     if not good:
         return Verdict.INCONCLUSIVE, [
-            "Inconclusive: an answer in which nothing moves passes every check that was made. Let "
+            "Inconclusive: a result in which nothing moves passes every check that was made. Let "
             "a load or a tool move the body, and check displacement_l2."
         ]
     if steps is not None and not any(check.scope is Scope.TRUTH for check in good):

@@ -8,7 +8,7 @@ data, by the scatter of the runs. Passed where |E| + 2 u_val is within the limit
 
 A candidate's own numerical error is no uncertainty here: it is part of its E, as it is of what its
 user gets. Sections 1-5 to 1-7 of V&V 20 speak of the error of the model; that is E less the error
-that `palpate gate` tells against the truth.
+that `palpate gate` finds against the truth.
 """
 
 from __future__ import annotations

@@ -109,8 +109,8 @@ def of_equilibrium(
     # Let go from where the body is at rest without loads.
     swings_of_body = swings.swings_from(-displacement)
     there = pin.moved(rest, displacement)[axis]
-    shares = [abs(pin.moved(rest, displacement + x)[axis] - there) for x in swings_of_body]
-    strongest = int(np.argmax(shares))
+    movements = [abs(pin.moved(rest, displacement + x)[axis] - there) for x in swings_of_body]
+    strongest = int(np.argmax(movements))
     return Prediction(
         swings.frequencies[strongest : strongest + 1], displacement, swings.modes[strongest]
     )

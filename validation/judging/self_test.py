@@ -160,7 +160,7 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
         return replace(_trial(fault, case, True, str(error)), verdict=Verdict.SKIPPED)
     caught = _red(result) - _red(healthy)
     if not caught and _is_same(result, healthy):
-        message = "the answer is the same with this fault and without"
+        message = "the result is the same with this fault and without"
         return replace(_trial(fault, case, True, message), verdict=Verdict.SKIPPED)
     return _trial(fault, case, bool(caught), _summary(result))
 

@@ -178,7 +178,7 @@ def read_limits(words: Sequence[str]) -> dict[str, float]:
             raise InputError(f"--limit {word}: {metric} has a limit already")
         if metric not in CATALOGUE or not CATALOGUE[metric].is_of_whole:
             known = ", ".join(m.name for m in CATALOGUE.values() if m.is_of_whole)
-            raise InputError(f"--limit {word}: no metric between two answers; there are {known}")
+            raise InputError(f"--limit {word}: no metric between two results; there are {known}")
         limits[metric] = value
     return limits
 
@@ -263,7 +263,7 @@ def _check(spec: CheckSpec, case: Case, one: State, other: State, *, of: str) ->
     if (one.own or other.own) and (about.needs_same_mesh or about.of_part):
         verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
         found = unjudged_check(
-            spec, case.strain, verdict, "it needs both answers on the case's mesh"
+            spec, case.strain, verdict, "it needs both results on the case's mesh"
         )
     else:
         # Whoever has a mesh of its own is measured there too, and so is the first of the two.

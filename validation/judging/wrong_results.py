@@ -36,7 +36,7 @@ def null_result(problem: Problem, strain: Strain, reference: State | None) -> St
         problem.mesh,
         still,
         label="nothing moves",
-        simulator="null answer",
+        simulator="null result",
         strain=strain,
         trajectory=motion,
         tool_forces=None if forces is None else np.zeros_like(forces),
@@ -73,7 +73,7 @@ def _from(
     return replace(
         reference,
         label=label,
-        simulator="wrong answer",
+        simulator="wrong result",
         stresses=None,
         integrals=None,
         trajectory=None if motion is None else Trajectory(motion.times, states),

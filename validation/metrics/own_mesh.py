@@ -51,8 +51,8 @@ _RIDGE = 1e-8
 _ROUNDING = 1e-6
 # What to do where the uncertainty leaves a verdict open.
 OWN_MESH_REMEDY = (
-    "too near the limit for an answer on a mesh of its own, where the reference is read between "
-    "its points: send the answer at the case's points, or mesh the case finer and build its "
+    "too near the limit for a result on a mesh of its own, where the reference is read between "
+    "its points: send the result at the case's points, or mesh the case finer and build its "
     "reference (palpate reference build)"
 )
 

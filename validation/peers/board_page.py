@@ -168,7 +168,7 @@ def minutes_of(board: Board) -> dict[str, float]:
     Runs that hit the time limit count with it; cases that were refused do not count.
     """
     runs = [score.run for score in board.scores.values()]
-    waited = sum("no answer within" in run.why for run in runs) * board.time_limit
+    waited = sum("no result within" in run.why for run in runs) * board.time_limit
     return {
         "runs": (sum(run.seconds for run in runs) + waited) / 60.0,
         "truths": sum(truth.seconds for truth in board.truths.values()) / 60.0,

@@ -158,7 +158,7 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     if result.scope is Scope.OWN:
         return "Nothing independent was compared with."
     if result.unseen:
-        return f"Plainly wrong answers would pass too: {', '.join(result.unseen)}."
+        return f"Plainly wrong results would pass too: {', '.join(result.unseen)}."
     if fitted := result.evidence.get("fitted"):
         names = ", ".join(_in_words(key) for key in fitted)
         return f"Fitted, so no evidence where it was fitted to: {names}."

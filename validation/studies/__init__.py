@@ -1,4 +1,4 @@
-"""Studies: of the paper, remade, and of what the answers depend on; a file each.
+"""Studies: of the paper, remade, and of what the results depend on; a file each.
 
 Each is a module with a `TITLE` and three steps that can be tried alone: `compute(progress)`,
 everything that takes time; `judge(found)`, claims put to the test, of which the gravest verdict is
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 # Name -> what it shows, a line.
 STUDIES = {
     "beam": "Fig. 2: linear strain stretches a beam falsely, Green does not",
-    "calibration": "error bars of the truth against 68 known answers",
+    "calibration": "error bars of the truth against 68 known solutions",
     "convergence": "the kidney's order and error bar (GCI) on three meshes",
     "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error over processor time of every simulator that is installed",
-    "grading": "section V: graded meshes, the same answer with fewer cells",
+    "grading": "section V: graded meshes, the same result with fewer cells",
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",
     "meshing": "Fig. 1: traditional beside improved Delaunay meshing, cut open",
     "sensitivity": "what the inputs are worth beside the mesh: u_val of V&V 20",

@@ -53,7 +53,7 @@ from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress, State, StressIntegrals, Trajectory
 
-TITLE = "Error bars against known answers"
+TITLE = "Error bars against known solutions"
 
 LEAST_COVERED, LARGEST_MISS, LARGEST_WIDTH = 0.95, 1.5, 5.0
 STORE = Path(__file__).with_name("calibration.tar.xz")
@@ -177,7 +177,7 @@ class Number(NamedTuple):
 
     @property
     def is_known(self) -> bool:
-        """Whether the answer is known ten times better than the bar, or the bar missed for sure."""
+        """Whether the solution is known ten times better than the bar, or clearly outside it."""
         return self.doubt <= max(KNOWN * self.bar, _ROUNDING) or self.miss > 1.0 + KNOWN
 
     @property
@@ -193,10 +193,10 @@ class Number(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What the numbers of one way say together; parts are of the finite bars whose answer is known.
+    """What the numbers of one way say together; parts are of finite bars with a known solution.
 
     `infinite` bars say that nothing is known: they cover nothing, and are the widest of all in the
-    median. `unknown` are left out: their answers are not known well enough.
+    median. `unknown` are left out: their solutions are not known well enough.
     """
 
     numbers: int
@@ -394,7 +394,7 @@ def present(found: Found) -> Page:
     columns |= {"worst error / bar": ".2f", "median bar / error": ".1f"}
     columns |= {"without a bar": "d", "left out": "d"}
     every = {"problem": "", "family": "", "set apart": "", "truth": "", "metric": ""}
-    every |= {"bar": ".2g", "error": ".2g", "answer known to": ".1g"}
+    every |= {"bar": ".2g", "error": ".2g", "solution known to": ".1g"}
     runs = tomllib.loads(LOG.read_text("utf-8")).get("run", [])
     return Page(
         figures={"calibration": draw(found.numbers)},

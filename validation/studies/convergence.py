@@ -1,8 +1,8 @@
 """Do the numbers of the kidney converge, and does their error bar hold?
 
 Nothing is known of them beforehand: three meshes give the observed order, Richardson's value and
-the grid convergence index (Roache 1994; Celik et al. 2008), held against the stored reference,
-quadratic tetrahedra on the mesh cut in eight. The edge of the held surface is singular,
+the grid convergence index (Roache 1994; Celik et al. 2008), compared with the stored reference,
+quadratic tetrahedra on the mesh cut in eight. The edge of the fixed surface is singular,
 displacement there goes like the square root of the distance, so the order falls from 2 to about 1
 on uniform meshes: an error falls by half, not by four, with each cut in eight. On meshes of this
 size it is still a little below 1, and so Richardson's value may lie beyond the truth.
@@ -37,8 +37,8 @@ LARGEST_SINGULAR_ORDER = 1.5
 
 
 # All three meshes have the same faceted shape, so what converges is the discretisation alone. Where
-# the held part of the surface meets the free one, stress is singular: displacement behaves like the
-# square root of the distance (a crack front, or a punch that sticks), so that linear functionals of
+# the fixed surface meets the free one, stress is singular: displacement behaves like the square
+# root of the distance (a crack front, or a punch that sticks), so that linear functionals of
 # P1 converge with order 1 on uniform meshes once that edge dominates, and with 2 before.
 
 # Once the edge of the support dominates; before, up to 2.
@@ -76,7 +76,7 @@ def _response(problem: Problem, state: State) -> Response:
 
 
 def probe_of(problem: Problem) -> int:
-    """The point farthest from the middle of the held ones; refinement keeps its number."""
+    """The point farthest from the middle of the fixed ones; refinement keeps its number."""
     fixed = np.unique(np.concatenate([s.points for s in problem.supports]))
     middle = problem.mesh.points[fixed].mean(axis=0)
     return int(np.linalg.norm(problem.mesh.points - middle, axis=1).argmax())

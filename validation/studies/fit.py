@@ -4,7 +4,7 @@ Least squares of residuals over their standard uncertainties, with bounds, each 
 half the width of its bounds (`scipy.optimize.least_squares`, trust region reflective). Intervals
 are the linearised ones, value +- t s sqrt((J^T J)^-1_kk), with Student's t and s^2 the sum of
 squares over its degrees of freedom (G. A. F. Seber, C. J. Wild, Nonlinear Regression, 1989, section
-5.1); where another parameter cannot be told, they reach to the optima with that one at either of
+5.1); where another parameter cannot be identified, they reach to the optima with it at either of
 its bounds. A combination of parameters, a right singular vector of J, is *not identifiable* where
 its interval is wider than the bounds: the measurement adds nothing to what was known before.
 
@@ -29,7 +29,7 @@ from palpate.meshes.errors import InputError
 from palpate.validation.judging.measured import Validation
 
 Prediction: TypeAlias = Callable[[Floats], Floats]
-# A Gauss-Newton step between two discretisations is small, or the coarse one tells nothing.
+# A Gauss-Newton step between two discretisations is small, or the coarse one says nothing.
 _LARGEST_STEP = 0.5
 
 
@@ -220,7 +220,7 @@ def fit(parameters: Sequence[Parameter], experiments: Sequence[Experiment], *,
     widths = factor / max(scatter, 1e-300) * np.sqrt(np.diag(covariance)) if scatter else 0.0 * z
     lost = [k for k, width in enumerate(widths) if width >= 1.0]
     for k in lost:
-        # Linear intervals of the others end where what cannot be told bends away.
+        # Linear intervals of the others end where what cannot be identified bends away.
         for end in bounds[:, k]:
             other = _with_fixed(residual, jacobian, z, bounds, k, float(end))
             widths = np.maximum(widths, np.abs(other - z) * (np.arange(len(z)) != k))

@@ -1,4 +1,4 @@
-"""Section V: graded meshes. The same answer with how many of the cells?
+"""Section V: graded meshes. The same result with how many of the cells?
 
 On a body, how many cells does a mesh graded by its own error need for the accuracy of a uniform one
 of over 100 000 cells? (How the number of cells grows with resolution, O(n^3) uniform and O(n^2)
@@ -320,7 +320,7 @@ def judge_curves(curves: Curves) -> list[Finding]:
                 f"{curves.title}, {name}: {other.cells} graded cells are as near the truth "
                 f"as {one.cells} uniform ones",
                 f"error {100 * graded:.2f} % against {100 * uniform:.2f} % (truth +- "
-                f"{100 * bar:.2f} %, answers {100 * gap:.2f} % apart); {needed:.0f} cells, "
+                f"{100 * bar:.2f} %, results {100 * gap:.2f} % apart); {needed:.0f} cells, "
                 f"{one.cells / needed:.1f} times fewer, would do",
                 verdict,
             )

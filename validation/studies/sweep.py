@@ -22,7 +22,7 @@ from palpate.validation.solving import Simulator
 from palpate.validation.states import Progress, Verdict
 from palpate.validation.studies.sweep_runs import Run, difference, linear_error, run_all
 
-# Figures of a sweep: what the answer does along the first axis.
+# Figures of a sweep: what the result does along the first axis.
 
 Measured = Callable[[Run], float | None]
 
@@ -56,8 +56,8 @@ def sweep_figures(
         lost = [run for run in runs if run.was_tried and run.state is None]
         panel = Panel(
             lines_of(axes, runs, measure),
-            # Where the first value without an answer is.
-            positions={run.values[0]: f"no answer, {STRAIN_NAMES[run.strain]}" for run in lost},
+            # Where the first value without a result is.
+            positions={run.values[0]: f"no result, {STRAIN_NAMES[run.strain]}" for run in lost},
             x=_in_words(axes[0].key, case),
             y=words,
         )
@@ -76,7 +76,7 @@ def _named(simulator: Simulator | str, element: Element) -> str:
 
 
 def _in_words(key: str, case: Case) -> str:
-    """A key of the case as the name of an axis, with its unit where its last word tells it."""
+    """A key of the case as the name of an axis, with its unit where its last word says it."""
     if found := re.fullmatch(r"load\[(\d+)\]\.factor", key):
         return f"load {int(found[1]) + 1}, times that of the case [-]"
     units, last = case.spec.units, re.sub(r"\[\d+\]$", "", key).rpartition(".")[2]
@@ -193,7 +193,7 @@ def sweep(
     """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
 
     Returns:
-        0; 1 where no value has an answer, or fastsim and the reference differ; 3 where another load
+        0; 1 where no value has a result, or fastsim and the reference differ; 3 where another load
         or the other strain measure has the same result.
 
     Raises:
@@ -241,7 +241,7 @@ def sweep(
 
 
 def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
-    """Where there is no answer, a line each, with the last value that has one."""
+    """Where there is no result, a line each, with the last value that has one."""
     lines = []
     for run in runs:
         if run.state is not None or not run.was_tried:
@@ -387,9 +387,9 @@ def _findings_on_others(axes: Sequence[Axis], runs: Sequence[Run]) -> list[Findi
 
 
 def _findings(axes: Sequence[Axis], runs: Sequence[Run]) -> list[Finding]:
-    num_answers = sum(run.state is not None for run in runs)
+    num_results = sum(run.state is not None for run in runs)
     findings = [
-        judged("some value has an answer", f"{num_answers} of {len(runs)} runs", num_answers > 0),
+        judged("some value has a result", f"{num_results} of {len(runs)} runs", num_results > 0),
         *finding_on_sames(axes, runs),
         *_findings_on_others(axes, runs),
     ]
@@ -448,6 +448,6 @@ def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
         "smallest det F [-]": ".6g",
         "linear - Green, of Green's displacement [-]": ".4g",
         "seconds": ".3g",
-        "no answer because": "",
+        "no result because": "",
     }
     return Table("Every run", columns, rows)

@@ -1,6 +1,6 @@
 """An outside simulator with more iterations and shorter steps: what is left, and of what.
 
-Position-based and block-descent simulators stop after so many iterations. Held against the
+Position-based and block-descent simulators stop after so many iterations. Compared with the
 reference by their own scheme at their own step, each step solved, what is left is what iterations
 did not do; where neither more of them nor shorter steps bring it down, the simulator does not
 solve the law it states.
@@ -68,7 +68,7 @@ class Trial:
         trouble: Why there is no result.
         stated: What its result states otherwise than it was asked for.
         motion: Its displacements [m], (num_times, num_points, 3).
-        reference: Those of the reference that it is held against.
+        reference: Those of the reference that it is compared with.
     """
 
     iterations: int
@@ -124,7 +124,7 @@ def run_trials(
 
     Args:
         case: Its strain measure is asked for.
-        simulator: With a place for the iterations.
+        simulator: With `{iterations}` in its command.
         iterations: Each at least 1.
         time_steps: [s]; None is the case's own, or statics.
         progress: Called with one line for each run.
@@ -298,7 +298,7 @@ def judge(trials: Sequence[Trial], limit: float) -> Finding:
     solved = [t for t in trials if math.isfinite(t.error)]
     if not solved:
         why = next((f": {t.trouble}" for t in trials if t.trouble), "")
-        return Finding(CLAIM, f"no answer in {len(trials)} runs{why}", Verdict.FAILED)
+        return Finding(CLAIM, f"no result in {len(trials)} runs{why}", Verdict.FAILED)
     nothing = repeated(trials, limit)
     telling = [t for t in solved if t not in nothing and not t.stated]
     best = min(telling, key=lambda t: t.error, default=None)
@@ -392,11 +392,11 @@ def sweep_iterations(
         )
     except ReferenceFailedError as error:
         raise InputError(
-            f"{case.name}: no reference to hold {simulator.name} against: {error}"
+            f"{case.name}: no reference to compare {simulator.name} with: {error}"
         ) from error
     about = [
-        f"{case.title}. `{simulator.command}`, {case.strain} strain; held against the reference on "
-        "the same mesh by its own scheme at its own step, each step solved to 1e-10.",
+        f"{case.title}. `{simulator.command}`, {case.strain} strain; compared with the reference "
+        "on the same mesh by its own scheme at its own step, each step solved to 1e-10.",
         *remarks_on(trials, limit),
     ]
     tables = {"iterations": table(trials, limit)}
@@ -416,7 +416,7 @@ def table(trials: Sequence[Trial], limit: float) -> Table:
     nothing = repeated(trials, limit)
     columns = {"time step [s]": "g", "iterations": "d", "error [-]": ".3g"}
     columns |= {f"damping ratio {how} [-]": ".3g" for how in ("by the scheme", "measured")}
-    columns |= {"seconds": ".3g", "no answer because": "", "shows nothing because": ""}
+    columns |= {"seconds": ".3g", "no result because": "", "shows nothing because": ""}
     rows = []
     for t in trials:
         damping = (t.damping.formula, t.damping.measured) if t.damping else (None, None)
@@ -448,6 +448,6 @@ def _draw(trials: Sequence[Trial], limit: float, folder: Path) -> Figure:
 
 
 def _line(row: Sequence[Trial], label: str, style: str = "-o") -> Line:
-    """Errors over iterations; an axis of powers of ten has no place for 0."""
+    """Errors over iterations; an axis of powers of ten has no 0."""
     least = float(np.finfo(np.float64).eps)
     return Line([t.iterations for t in row], [max(t.error, least) for t in row], label, style)

@@ -70,7 +70,7 @@ def _version() -> str:
 
 
 def _require_workers(address: str, versions: dict[str, object]) -> None:
-    """Refuse workers that would not answer as this machine does."""
+    """Refuse workers that would not compute as this machine does."""
     if not versions:
         raise SchedulerError(address, "it has no worker; start one with `dask worker ADDRESS`")
     here = palpate.__version__
@@ -90,7 +90,7 @@ class Run:
         simulator: Who solved: a simulator of palpate, or the name of somebody else's.
         element: With which tetrahedra.
         strain: With which law.
-        state: The answer, None where there is none.
+        state: The result, None where there is none.
         trouble: Why there is none; "not tried: ..." beyond where equilibrium ends.
         was_tried: Whether it was solved at all.
     """
@@ -233,7 +233,7 @@ def name_of(simulator: OutsideSimulator) -> str:
 
 
 def linear_error(run: Run, runs: Sequence[Run]) -> float | None:
-    """How far a linear answer is from the Green one, relative L2 of displacement [-]."""
+    """How far a linear result is from the Green one, relative L2 of displacement [-]."""
     if run.state is None:
         return None
     for other in runs:

@@ -73,7 +73,7 @@ def test_at_the_time_limit_the_whole_process_group_ends(
         f"open({str(mark)!r}, 'w').write(str(child.pid))\n"
         "print('still at it', flush=True)\ntime.sleep(60)\n"
     )
-    with pytest.raises(CandidateFailedError, match=r"no answer within 1\.5 s"):
+    with pytest.raises(CandidateFailedError, match=r"no result within 1\.5 s"):
         script(body, 1.5).run(problem, Strain.GREEN, say_nothing)
     child = int(mark.read_text())
     for _ in range(100):

@@ -262,8 +262,8 @@ def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
 
 def test_the_conventions_say_so_and_what_never_to_read():
     words = describe_conventions(Strain.GREEN)
-    assert "`cauchy_stress` [Pa]" in words["answer"]
-    assert "row by row" in words["answer"]
+    assert "`cauchy_stress` [Pa]" in words["result"]
+    assert "row by row" in words["result"]
     assert "alternate from node to node" in words["conventions"]["smoothed_element"]
 
 

@@ -187,7 +187,7 @@ def test_a_verdict_that_the_reading_leaves_open_says_what_to_do() -> None:
     spec = CheckSpec(metric="displacement_max", limit=found.value, reason="r")
     check = judge_check(spec, Strain.GREEN, CASE, candidate, truth, 0.0, "")
     assert check.verdict is Verdict.INCONCLUSIVE
-    assert "send the answer at the case's points" in check.message
+    assert "send the result at the case's points" in check.message
     assert "palpate reference build" in check.message
     assert check.reference_error == pytest.approx(found.uncertainty, rel=1e-12)
 

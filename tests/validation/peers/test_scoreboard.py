@@ -134,7 +134,7 @@ def test_a_failure_a_refusal_and_a_hang_are_shown_and_stop_nothing(tmp_path) -> 
     assert (crashed.verdict, nan.verdict, slept.verdict) == (Verdict.FAILED,) * 3
     assert "out of rubber" in crashed.why
     assert "NaN" in nan.why
-    assert "no answer within 1 s" in slept.why
+    assert "no result within 1 s" in slept.why
     assert refused.run.status is Status.NOT_POSED
     assert "no blocks today" in refused.why
     assert right.distance < 1e-6
@@ -247,7 +247,7 @@ def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, mo
             'the case cannot be posed to it: "it has no blocks"',
             "it has no blocks",
         ),
-        (Status.FAILED, 'no answer within 90 s, its last line: "loaded"', "no answer within 90 s"),
+        (Status.FAILED, 'no result within 90 s, its last line: "loaded"', "no result within 90 s"),
         (Status.FAILED, 'it ended with 1, its last line: "not at rest"', "not at rest"),
     ],
 )

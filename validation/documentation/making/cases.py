@@ -52,7 +52,7 @@ def draw_cases(made: Path) -> None:
 
 def _page(case: Case, expected: Mapping[str, Expectation]) -> str:
     truth = load_stored(case.name, case.problem)
-    shown = f"{case.title}: its body, what is held, and what pushes"
+    shown = f"{case.title}: its body, what is fixed, and what pushes"
     verdicts = [
         (candidate, str(says.verdict), "; ".join([*says.failed, *says.inconclusive]) or "-")
         for candidate, says in expected.items()

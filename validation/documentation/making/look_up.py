@@ -129,7 +129,7 @@ def _default(key: str, part: Mapping[str, Any], required: set[str]) -> str:
 
 
 def metrics() -> str:
-    """Every metric by name, in groups by what it is held against."""
+    """Every metric by name, in groups by what it is compared with."""
     groups: dict[str, list[Metric]] = {
         "Against a reference": [m for m in CATALOGUE.values() if m.is_compared],
         "Against a published number": [m for m in CATALOGUE.values() if m.is_published],
@@ -186,7 +186,7 @@ def faults() -> str:
 def studies() -> str:
     """Every study, with what the head of its module says of it."""
     parts = [
-        "# Studies\n\nA study remakes a figure or table of the paper, or shows what answers depend "
+        "# Studies\n\nA study remakes a figure or table of the paper, or shows what results depend "
         "on. It puts claims to the test, and ends with 1 when one does not hold: `palpate study "
         "NAME -o FOLDER`.\n"
     ]
