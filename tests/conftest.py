@@ -47,12 +47,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip, visibly, what needs FEniCSx where there is none; mark what runs `once`."""
     judge = ROOT / "tests" / "validation"
     for item in items:
-        if item.get_closest_marker("slow"):
+        needs_fenicsx = item.get_closest_marker("dolfinx")
+        is_long = item.get_closest_marker("long") and item.path.is_relative_to(judge)
+        if not needs_fenicsx or item.get_closest_marker("slow") or is_long:
             item.add_marker(pytest.mark.once)
-        if not item.get_closest_marker("dolfinx"):
-            if item.path.is_relative_to(judge):
-                item.add_marker(pytest.mark.once)
-        elif not _has_dolfinx():
+        if needs_fenicsx and not _has_dolfinx():
             item.add_marker(pytest.mark.skip(reason="FEniCSx (dolfinx) is not installed"))
 
 
