@@ -57,7 +57,7 @@ def torus(rng: Rng) -> Arrays:
 
 
 def base(rng: Rng) -> Arrays:
-    """A sound surface to spoil."""
+    """A sound surface to perturb."""
     kind = rng.integers(4)
     if kind == 0:
         return torus(rng)

@@ -58,9 +58,9 @@ def test_what_is_left_behind_fails_and_goes(tmp_path: Path) -> None:
     left = re.findall(r"process (\d+) is left", said)
     assert [number for number in left if Path("/proc", number, "exe").exists()] == []
     subprocess.run(["git", "init", "-q", tmp_path], check=True)
-    code, said = run('stage one touch answer.txt "$TMPDIR/more"', tmp_path)
-    assert (code, "?? answer.txt" in said) == (1, True), said
-    assert {path.name for path in tmp_path.iterdir()} == {".git", "answer.txt"}
+    code, said = run('stage one touch solution.txt "$TMPDIR/more"', tmp_path)
+    assert (code, "?? solution.txt" in said) == (1, True), said
+    assert {path.name for path in tmp_path.iterdir()} == {".git", "solution.txt"}
 
 
 def test_a_run_of_no_test_fails(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def test_any_degenerate_points(rows: list[tuple[float, float, float]]) -> None:
         assert np.linalg.matrix_rank(points - points[0], tol=1e-12) < 3
 
 
-def test_checker_finds_a_spoiled_mesh() -> None:
+def test_checker_finds_a_perturbed_mesh() -> None:
     rng = np.random.default_rng(4)
     points = rng.random((60, 3))
     cells, _ = delaunay(points)

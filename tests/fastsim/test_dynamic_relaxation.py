@@ -126,7 +126,7 @@ def test_a_crushing_load_fails_with_the_last_good_state(ragged_box: TetMesh) -> 
     assert "Newton" in str(error)
 
 
-def test_too_few_steps_are_no_answer(ragged_box: TetMesh) -> None:
+def test_too_few_steps_are_no_solution(ragged_box: TetMesh) -> None:
     problem = held_block(ragged_box, BodyForce((0.0, 0.0, -300.0)))
     with pytest.raises(RelaxationFailedError, match="did not come to rest") as caught:
         relax(problem, max_steps=100)

@@ -262,18 +262,20 @@ def test_boundary_facets_are_those_of_one_cell(of: str) -> None:
         assert len(_core.find_boundary_facets(cells, mesh.num_points)) == single
 
 
-@pytest.mark.parametrize("spoil", ["a cell is gone", "a facet is not wanted", "another is wanted"])
-def test_a_boundary_that_is_not_the_surface_is_refused(spoil: str) -> None:
+@pytest.mark.parametrize(
+    "perturb", ["a cell is gone", "a facet is not wanted", "another is wanted"]
+)
+def test_a_boundary_that_is_not_the_surface_is_refused(perturb: str) -> None:
     surface = SHAPES["sphere"]()
     mesh, facets = mesh_surface(surface), surface.facets
     require_boundary(facets[::-1], mesh)
-    if spoil == "a cell is gone":
+    if perturb == "a cell is gone":
         behind = np.isin(mesh.cells, facets[7]).sum(axis=1) == 3
         mesh = TetMesh(mesh.points, mesh.cells[~behind])
-    elif spoil == "a facet is not wanted":
+    elif perturb == "a facet is not wanted":
         facets = facets[:-1]
     else:
         facets = np.vstack([facets, facets[:1] + np.array([0, 0, 1])]).astype(np.int32)
     with pytest.raises(BoundaryRecoveryError) as caught:
         require_boundary(facets, mesh)
-    assert (7 in caught.value.facets) == (spoil == "a cell is gone")
+    assert (7 in caught.value.facets) == (perturb == "a cell is gone")

@@ -41,6 +41,7 @@ TESTS = [f"tests/validation/{name}" for name in (*PACKAGES, "commands", "candida
 # Longer tests are not the place where a slip of one line should be noticed, nor are those of other
 # packages beyond so many seconds of them.
 LONGEST, OTHERS = 20.0, 40.0
+# Tests of the night that are long and not slow are among them.
 # A mutant that makes the tests so many times as long hangs, and that is noticed.
 SLOWER = 5.0
 _PYTEST = [
@@ -51,7 +52,7 @@ _PYTEST = [
     "-p",
     "no:cacheprovider",
     "-m",
-    "not slow and not browser and not nightly",
+    "not slow and not browser and (not nightly or long)",
 ]
 Lines = dict[str, dict[int, set[str]]]
 

@@ -1,4 +1,4 @@
-"""Small cases written to a folder, and a small problem with its answer."""
+"""Small cases written to a folder, and a small problem with its solution."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def problem() -> Problem:
 
 
 @pytest.fixture(scope="session")
-def answer(problem: Problem) -> NDArray[np.float64]:
+def solution(problem: Problem) -> NDArray[np.float64]:
     return solve_static(problem).displacement
 
 

@@ -72,11 +72,11 @@ def test_a_problem_of_plain_data_is_solved_and_judged_where_dolfinx_cannot_be_im
         "case = palpate.load_case('block')\n"
         "print(palpate.judge(case).verdict)\n"
         "print(palpate.simulate(case.problem, time=palpate.TimeSpan(0.01)).trajectory.times[-1])\n"
-        "answer = palpate.solve(case.problem)\n"
-        "print(palpate.audit(case, answer, degree=1).relative_residual_norm < 1e-8)\n"
+        "solution = palpate.solve(case.problem)\n"
+        "print(palpate.audit(case, solution, degree=1).relative_residual_norm < 1e-8)\n"
         "for ask in (\n"
         "    lambda: palpate.solve(case.problem, with_='reference'),\n"
-        "    lambda: palpate.audit(case, answer),\n"
+        "    lambda: palpate.audit(case, solution),\n"
         "):\n"
         "    try:\n"
         "        ask()\n"
@@ -156,8 +156,8 @@ def test_a_function_is_judged_as_any_simulator() -> None:
 def test_a_function_of_the_wrong_shape_is_refused_and_nan_has_failed() -> None:
     with pytest.raises(palpate.InputError, match=r"displacement has shape \(3,\); this case needs"):
         palpate.judge("block", lambda _problem: np.zeros(3))
-    spoiled = palpate.judge("block", lambda problem: np.nan * problem.mesh.points)
-    assert spoiled.verdict is palpate.Verdict.FAILED
+    perturbed = palpate.judge("block", lambda problem: np.nan * problem.mesh.points)
+    assert perturbed.verdict is palpate.Verdict.FAILED
 
 
 class EndsWhenRead:
@@ -250,8 +250,8 @@ def test_what_is_no_array_of_real_numbers_is_refused_with_words(change: object, 
 
 
 def test_a_state_of_the_reference_is_compared_under_a_name_of_its_own() -> None:
-    answer = palpate.solve(palpate.load_case("block").problem)
-    named = dataclasses.replace(answer, label="reference P1", simulator="reference")
+    solution = palpate.solve(palpate.load_case("block").problem)
+    named = dataclasses.replace(solution, label="reference P1", simulator="reference")
     judged = palpate.compare("block", named)
     assert judged.candidate == "reference P1 (candidate)"
     assert judged.verdict is palpate.Verdict.PASSED
@@ -262,9 +262,9 @@ def test_a_motion_with_a_tool_in_memory_is_compared_with_its_forces() -> None:
     state = palpate.solve(case.problem)
     assert state.tool_forces is not None
 
-    def failed(answer: palpate.State) -> set[str]:
+    def failed(solution: palpate.State) -> set[str]:
         # Of the truth its cells are too coarse to come near.
-        checks = [c for c in palpate.compare(case, answer).checks if c.against == "same_mesh"]
+        checks = [c for c in palpate.compare(case, solution).checks if c.against == "same_mesh"]
         assert len(checks) > 2
         return {c.metric for c in checks if c.verdict == "failed"}
 

@@ -301,10 +301,10 @@ def test_a_self_test_needs_the_references_of_its_case(palpate_run: Run, write_ca
 
 @pytest.mark.parametrize("name", ["reference", "reference P1", "Reference"])
 def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) -> None:
-    """Half of the answer: it is judged, drawn and tabled as what it is, and fails."""
+    """Half of the solution: it is judged, drawn and tabled as what it is, and fails."""
     case = load_case("block")
-    answer = run_fastsim(case.problem, Strain.GREEN, lambda _line: None)
-    np.savez(tmp_path / f"{name}.npz", displacement=0.5 * answer.displacement)
+    solution = run_fastsim(case.problem, Strain.GREEN, lambda _line: None)
+    np.savez(tmp_path / f"{name}.npz", displacement=0.5 * solution.displacement)
     result = judge_case(case, candidate=result_candidate(tmp_path / f"{name}.npz"))
     assert result.verdict is Verdict.FAILED
     own = result.state(result.candidate, Strain.GREEN)
@@ -363,9 +363,9 @@ def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     problem = load_case(name).problem
     stored = load_stored(name, problem)
     for strain in Strain:
-        answer = run_fastsim(problem, strain, lambda _line: None)
+        solution = run_fastsim(problem, strain, lambda _line: None)
         fast = make_state(
-            problem.mesh, answer.displacement, label="fastsim", simulator="fastsim", strain=strain
+            problem.mesh, solution.displacement, label="fastsim", simulator="fastsim", strain=strain
         )
         live = solve_state(problem, strain, 1, lambda _line: None)
         assert measure("displacement_l2", problem, fast, live).value < 1e-8

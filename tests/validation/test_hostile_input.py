@@ -111,41 +111,41 @@ def test_a_damaged_accepted_result_is_refused_or_compared(tmp_path, judged, seed
             compare_runs(path, path)
 
 
-def packed_npz(folder, problem, answer):
+def packed_npz(folder, problem, solution):
     np.savez_compressed(
-        folder / "whole.npz", displacement=answer, points=problem.mesh.points,
+        folder / "whole.npz", displacement=solution, points=problem.mesh.points,
         cells=problem.mesh.cells, about='{"tool": "x", "tool_forces": [[0.0, 1.0, 2.0]]}',
     )  # fmt: skip
     return (folder / "whole.npz").read_bytes()
 
 
-def plain_npz(folder, _problem, answer):
-    order = np.arange(len(answer))
+def plain_npz(folder, _problem, solution):
+    order = np.arange(len(solution))
     np.savez(
-        folder / "whole.npz", displacement=np.stack([0 * answer, answer]), original_id=order,
+        folder / "whole.npz", displacement=np.stack([0 * solution, solution]), original_id=order,
         times=[0.0, 1.0], length_unit="m",
     )  # fmt: skip
     return (folder / "whole.npz").read_bytes()
 
 
-def packed_vtu(folder, problem, answer):
-    write_mesh(folder / "whole.vtu", problem.mesh, point_data={"displacement": answer})
+def packed_vtu(folder, problem, solution):
+    write_mesh(folder / "whole.vtu", problem.mesh, point_data={"displacement": solution})
     return (folder / "whole.vtu").read_bytes()
 
 
-def text_vtu(folder, problem, answer):
+def text_vtu(folder, problem, solution):
     import meshio
 
     mesh = problem.mesh
     out = meshio.Mesh(
-        np.array(mesh.points), [("tetra", np.array(mesh.cells))], {"displacement": answer}
+        np.array(mesh.points), [("tetra", np.array(mesh.cells))], {"displacement": solution}
     )
     meshio.write(folder / "whole.vtu", out, binary=False)
     return (folder / "whole.vtu").read_bytes()
 
 
-def table_csv(_folder, _problem, answer):
-    rows = [",".join(f"{x:.17g}" for x in row) for row in answer]
+def table_csv(_folder, _problem, solution):
+    rows = [",".join(f"{x:.17g}" for x in row) for row in solution]
     return "\n".join(["ux,uy,uz", *rows]).encode()
 
 
@@ -158,9 +158,9 @@ def table_csv(_folder, _problem, answer):
     ],
 )  # fmt: skip
 def test_a_damaged_result_is_refused_failed_or_a_state(
-    tmp_path, problem, answer, suffix, write, seed
+    tmp_path, problem, solution, suffix, write, seed
 ):
-    whole = write(tmp_path, problem, answer)
+    whole = write(tmp_path, problem, solution)
     path = tmp_path / f"r.{suffix}"
     for data in [whole, *damaged_copies(whole, 120, seed)]:
         path.write_bytes(data)

@@ -17,7 +17,7 @@ from palpate.validation.peers.bench import bench_json
 from palpate.validation.quoting import for_json, texts_for_json, without_folders
 
 Run = Callable[..., CompletedProcess[str]]
-# It answers, and says of itself where everything is; with a third word it fails, saying the same.
+# It writes a result, and says where everything is; with a third word it fails, saying the same.
 SIMULATOR = """
 import json, sys
 from pathlib import Path

@@ -30,13 +30,13 @@ def palpate(palpate_run, project):
 
 @pytest.fixture
 def project(tmp_path, write_case):
-    """A case on a mesh file, with a reference, an answer and links to some of them."""
+    """A case on a mesh file, with a reference, a solution and links to some of them."""
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
     write_case((shape, 'mesh = "body.vtu"'))
     mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
     write_mesh(tmp_path / "body.vtu", mesh)
     write_surface(tmp_path / "organ.msh", shape_kidney(edge_length=14e-3))
-    np.savez(tmp_path / "answer.npz", displacement=np.zeros(mesh.points.shape))
+    np.savez(tmp_path / "solution.npz", displacement=np.zeros(mesh.points.shape))
     (tmp_path / "references").mkdir()
     (tmp_path / "references" / "block.npz").write_bytes(b"accepted with a reason")
     accepted = '{"schema": 1, "palpate": "0", "cases": []}'
@@ -71,12 +71,12 @@ def everything(folder):
         "gate block.toml --json pipe",
         "gate block.toml --metamorphic --json block.toml",
         "solve block.toml -o body.vtu",
-        "compare block.toml answer.npz --json answer.npz",
-        "compare block.toml answer.npz --json block.toml",
-        "audit block.toml answer.npz --json answer.npz",
-        "audit block.toml answer.npz --cells body.vtu",
-        "audit block.toml answer.npz --cells x.vtu --json ./x.vtu",
-        "audit block.toml answer.npz --cells x.npz",
+        "compare block.toml solution.npz --json solution.npz",
+        "compare block.toml solution.npz --json block.toml",
+        "audit block.toml solution.npz --json solution.npz",
+        "audit block.toml solution.npz --cells body.vtu",
+        "audit block.toml solution.npz --cells x.vtu --json ./x.vtu",
+        "audit block.toml solution.npz --cells x.npz",
         "mesh organ.msh -o organ.msh",
         "export block.toml -o .",
         "export block -o .",

@@ -35,10 +35,10 @@ FILES = {
     ("gate", "--json", ".json"): "gate block.toml --metamorphic --json {}",
     ("gate", "--junit", ".xml"): "gate block.toml --metamorphic --junit {}",
     ("gate", "--summary", ".md"): "gate block.toml --metamorphic --summary {}",
-    ("compare", "--json", ".json"): "compare block.toml answer.npz --json {}",
+    ("compare", "--json", ".json"): "compare block.toml solution.npz --json {}",
     ("compare-runs", "--summary", ".md"): "compare-runs old.json old.json --summary {}",
-    ("audit", "--json", ".json"): "audit block.toml answer.npz --degree 1 --json {}",
-    ("audit", "--cells", ".vtu"): "audit block.toml answer.npz --degree 1 --cells {}",
+    ("audit", "--json", ".json"): "audit block.toml solution.npz --degree 1 --json {}",
+    ("audit", "--cells", ".vtu"): "audit block.toml solution.npz --degree 1 --cells {}",
     ("law", "--json", ".json"): "law neo-hookean --json {}",
     ("law", "--json", ".txt"): "law neo-hookean --self-test --json {}",
     ("mesh", "--output", ".vtu"): "mesh kidney --size 20 -o {}",
@@ -94,7 +94,7 @@ def project(tmp_path: Path, write_case: Callable[..., Path]) -> Path:
     """A case with a result, an earlier run, and a model of another simulator."""
     write_case()
     num_points = load_case(tmp_path / "block.toml").problem.mesh.num_points
-    np.savez(tmp_path / "answer.npz", displacement=np.zeros((num_points, 3)))
+    np.savez(tmp_path / "solution.npz", displacement=np.zeros((num_points, 3)))
     of = {"metric": "det_f", "against": "same_mesh", "strain": "green", "candidate": "x"}
     check = {"name": "x", "verdict": "passed", "value": 1.0, "limit": 2.0, "reason": "y", **of}
     case = {"name": "block", "verdict": "passed", "checks": [check]}

@@ -36,7 +36,7 @@ NAMED = {
 
 def test_every_fault_is_tried() -> None:
     tried = {fault.value for fault, _ in TRIALS} | set(REFERENCE_FAULTS)
-    # Garbage between the case's points is seen where an answer has a mesh of its own: the table,
+    # Garbage between the case's points is seen where a solution has a mesh of its own: the table,
     # and every case in judging/test_own_mesh_gates.py.
     assert set(Fault) - {Fault.NONE, Fault.INNER_NODES} <= {fault for fault, _ in TRIALS}
     assert tried >= NAMED
@@ -59,13 +59,13 @@ def test_without_a_poissons_ratio_lames_parameters_cannot_be_exchanged() -> None
 
 def test_an_inverted_cell_is_one_or_its_neighbours(
     problem: Problem,
-    answer: np.ndarray,  # type: ignore[type-arg]
+    solution: np.ndarray,  # type: ignore[type-arg]
 ) -> None:
-    (spoiled,) = faults.corrupt_displacement(problem.mesh, answer[None], Fault.INVERTED_CELL)
-    moved = np.flatnonzero((spoiled != answer).any(axis=1))
+    (perturbed,) = faults.corrupt_displacement(problem.mesh, solution[None], Fault.INVERTED_CELL)
+    moved = np.flatnonzero((perturbed != solution).any(axis=1))
     assert len(moved) == 1
-    assert inverted_cells(problem.mesh, answer) == 0
-    assert inverted_cells(problem.mesh, spoiled) >= 1
+    assert inverted_cells(problem.mesh, solution) == 0
+    assert inverted_cells(problem.mesh, perturbed) >= 1
 
 
 def test_faults_leave_the_rest_alone(problem: Problem) -> None:
@@ -92,7 +92,7 @@ def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
     assert json.loads(out.read_text("utf-8"))["cases"][0]["verdict"] == "passed"
 
 
-def test_the_self_test_catches_every_spoiled_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_self_test_catches_every_perturbed_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.validation.judging import self_test
 
     monkeypatch.setattr(self_test, "TRIALS", ((Fault.SOFTER, "block"),))
@@ -142,21 +142,22 @@ def test_the_faults_of_one_case_are_tried_on_any_candidate() -> None:
     assert len(named) >= len(verdicts) - len(skipped)
 
 
-def test_an_answer_on_its_own_mesh_that_is_right_is_not_red() -> None:
+def test_a_solution_on_its_own_mesh_that_is_right_is_not_red() -> None:
     case = load_case("block")
     mine = dataclasses.replace(on_own_mesh(fastsim_candidate()), has_both_strains=False)
     state = mine.solve(case.problem, Strain.GREEN, lambda _line: None)
     assert state.own is not None
     assert state.own.mesh.num_cells == 8 * case.problem.mesh.num_cells
-    spoiled = with_fault(mine, Fault.INNER_NODES).solve(
+    perturbed = with_fault(mine, Fault.INNER_NODES).solve(
         case.problem, Strain.GREEN, lambda _line: None
     )
     # The points of the case are as they were, those between them are garbage.
-    assert np.abs(spoiled.displacement - state.displacement).max() <= 1e-12
-    assert spoiled.smallest_det_f < 0.0 < state.smallest_det_f
+    assert np.abs(perturbed.displacement - state.displacement).max() <= 1e-12
+    assert perturbed.smallest_det_f < 0.0 < state.smallest_det_f
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_every_metric_goes_red_alone_on_each_kind_of_case() -> None:
     rows = metric_table(fastsim_candidate(), lambda _line: None)
     blind = [(row.metric, row.kind) for row in rows if not row.seen]

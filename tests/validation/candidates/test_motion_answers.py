@@ -95,7 +95,7 @@ def test_an_honest_motion_with_states_between_the_outputs_passes_and_they_are_co
 
 @pytest.mark.parametrize("kind", ["last state repeated", "every second state still", "noise"])
 @pytest.mark.parametrize("name", MOTIONS)
-def test_states_spoiled_between_the_outputs_alone_fail(
+def test_states_perturbed_between_the_outputs_alone_fail(
     name: str, kind: str, tmp_path: Path
 ) -> None:
     times, states, between = sent(name, 2)

@@ -40,14 +40,14 @@ def script(tmp_path: Path) -> Callable[..., OutsideSimulator]:
 
 
 @pytest.mark.parametrize("strain", list(Strain))
-def test_the_smallest_adapter_gives_fastsims_answer(problem: Problem, strain: Strain) -> None:
+def test_the_smallest_adapter_gives_fastsims_solution(problem: Problem, strain: Strain) -> None:
     simulator = OutsideSimulator(f"{sys.executable} {NUMPY_DENSE} {{case}} {{result}}")
     assert simulator.name == "numpy_dense"
-    answer = outside_candidate(simulator).solve(problem, strain, say_nothing)
+    solution = outside_candidate(simulator).solve(problem, strain, say_nothing)
     expected = solve_static(problem, strain=strain).displacement
-    found = answer.displacement
+    found = solution.displacement
     assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
-    assert answer.says["tool"] == "numpy"
+    assert solution.says["tool"] == "numpy"
 
 
 def test_a_crash_an_exit_code_and_silence_are_failures(
@@ -91,7 +91,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_an_answer_to_another_case_or_of_the_wrong_size_is_an_input_error(
+def test_a_solution_to_another_case_or_of_the_wrong_size_is_an_input_error(
     problem: Problem, script: Callable[..., OutsideSimulator]
 ) -> None:
     for body in (
@@ -146,10 +146,10 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     points, _, fields, _ = read_result_arrays(solved)
     for factor, name in ((1000.0, "unit"), (np.nan, "nan"), (0.98, "soft")):
         np.savez(tmp_path / f"{name}.npz", displacement=factor * fields["displacement"])
-        spoiled = tmp_path / f"{name}.json"
-        done = palpate("compare", "kidney", str(tmp_path / f"{name}.npz"), "--json", str(spoiled))
+        perturbed = tmp_path / f"{name}.json"
+        done = palpate("compare", "kidney", str(tmp_path / f"{name}.npz"), "--json", str(perturbed))
         assert done.returncode == 1, done.stdout + done.stderr
-        assert verdicts_in(spoiled)["same_mesh"] >= {"failed"}
+        assert verdicts_in(perturbed)["same_mesh"] >= {"failed"}
     np.savez(tmp_path / "short.npz", displacement=points[:7])
     done = palpate("compare", "kidney", str(tmp_path / "short.npz"))
     assert done.returncode == 2

@@ -1,4 +1,4 @@
-"""Answers on a mesh of the candidate's own are measured there, in statics and in motion."""
+"""Solutions on a mesh of the candidate's own are measured there, in statics and in motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Field = NDArray[np.float64]
 
 
 def read_state(folder: Path, problem: Problem, own: Field) -> State:
-    """The state of an answer, (num_points, 3) or with times first, on the mesh cut in eight."""
+    """The state of a solution, (num_points, 3) or with times first, on the mesh cut in eight."""
     finer = refine_uniformly(problem.mesh)
     arrays = {"displacement": own, "points": finer.points, "cells": finer.cells}
     if own.ndim == 3:

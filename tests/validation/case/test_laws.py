@@ -154,8 +154,8 @@ def test_rivals_that_know_a_law_agree_on_it(tmp_path, adapter, law, limit):
     text = RIVLIN if law == "mooney-rivlin" else MODULI + f'law = "{law}"\n'
     done, problem = posed(adapter, tmp_path, text)
     assert done.returncode == 0, done.stderr
-    with np.load(tmp_path / "result.npz") as answer:
-        u, about = answer["displacement"], json.loads(str(answer["about"]))
+    with np.load(tmp_path / "result.npz") as solution:
+        u, about = solution["displacement"], json.loads(str(solution["about"]))
     assert about["law"] == law
     ours = solve_static(problem).displacement
     assert np.abs(u - ours).max() < limit * np.abs(ours).max()

@@ -26,12 +26,12 @@ def solved(tmp_path):
     """The block's stored equilibrium as a result file, and its problem."""
     problem = load_case("block").problem
     state = load_stored("block", problem).states["reference P1", Strain.GREEN]
-    path = tmp_path / "answer.vtu"
+    path = tmp_path / "solution.vtu"
     write_mesh(path, problem.mesh, point_data={"displacement": state.displacement})
     return path, problem, state.displacement
 
 
-def test_an_equilibrium_passes_and_a_softer_answer_does_not(solved, tmp_path, command_line):
+def test_an_equilibrium_passes_and_a_softer_solution_does_not(solved, tmp_path, command_line):
     path, problem, displacement = solved
     numbers = tmp_path / "audit.json"
     tight = ("--degree", 1, "--limit", 1e-7, "--json", numbers)
@@ -84,9 +84,9 @@ def test_what_cannot_be_audited(solved, tmp_path, command_line):
     path, problem, displacement = solved
     assert command_line("audit", "block-motion", path) == 2
     assert command_line("audit", "block", tmp_path / "none.vtu") == 2
-    spoiled = displacement.copy()
-    spoiled[3] = np.nan
-    write_mesh(path, problem.mesh, point_data={"displacement": spoiled})
+    perturbed = displacement.copy()
+    perturbed[3] = np.nan
+    write_mesh(path, problem.mesh, point_data={"displacement": perturbed})
     assert command_line("audit", "block", path) == 1
     write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
     assert command_line("audit", "block", path) == 1
@@ -144,9 +144,9 @@ def test_no_number_of_an_audit_may_be_other_than_finite(solved):
         ({"support_gap": 1.0}, "supports"),
         ({"relative_residual_norm": 1e-5}, "residual"),
     ):
-        spoiled = dataclasses.replace(good, **changes)
-        assert failures(spoiled) == []
-        (reason,) = failures(spoiled, 1e-6)
+        perturbed = dataclasses.replace(good, **changes)
+        assert failures(perturbed) == []
+        (reason,) = failures(perturbed, 1e-6)
         assert word in reason
 
 

@@ -34,14 +34,14 @@ def test_the_gate_judges_the_element_that_is_asked_for(command_line, tmp_path, e
 def test_what_is_solved_with_an_element_is_judged_as_such(command_line, tmp_path):
     reported = tmp_path / "reported.json"
     for kind in ("npz", "vtu"):
-        answer = tmp_path / f"mine.{kind}"
-        assert command_line("solve", "block", "--element", "smoothed", "-o", answer) == 0
-        command_line("compare", "block", answer, "--json", reported, "--element", "smoothed")
+        solution = tmp_path / f"mine.{kind}"
+        assert command_line("solve", "block", "--element", "smoothed", "-o", solution) == 0
+        command_line("compare", "block", solution, "--json", reported, "--element", "smoothed")
         passed = {c["verdict"] for c in written(reported)[0]["checks"]
                   if (c["against"], c["strain"]) == ("same_mesh", "green")}  # fmt: skip
         assert passed == {"passed"}
         # Which element it is judged by is not the result's to choose; .vtu cannot even state one.
-        command_line("compare", "block", answer, "--json", reported)
+        command_line("compare", "block", solution, "--json", reported)
         checks = written(reported)[0]["checks"]
         assert "failed" in on_same_mesh(written(reported)[0])
         stated = [check["message"] for check in checks if check["metric"] == "stated_equations"]
@@ -102,18 +102,18 @@ def test_the_front_door_takes_the_word_too():
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
+@pytest.mark.nightly
 def test_the_reference_solves_it_live(command_line, tmp_path):
     path = tmp_path / "r.json"
     command_line("gate", "block", "--live", "--element", "both", "--json", path)
     (case,) = written(path)
     assert on_same_mesh(case) == {"passed"}
     assert "smoothed tetrahedra" in case["provenance"]["reference"]["origin"]
-    answer = tmp_path / "theirs.npz"
-    arguments = ("solve", "block", "--with", "reference", "--element", "smoothed", "-o", answer)
+    solution = tmp_path / "theirs.npz"
+    arguments = ("solve", "block", "--with", "reference", "--element", "smoothed", "-o", solution)
     assert command_line(*arguments) == 0
     smoothed = ("--element", "smoothed")
-    command_line("compare", "block", answer, "--json", path, *smoothed)
+    command_line("compare", "block", solution, "--json", path, *smoothed)
     assert "failed" not in on_same_mesh(written(path)[0])
-    assert command_line("audit", "block", answer, "--degree", 1, "--limit", 1e-8, *smoothed) == 0
+    assert command_line("audit", "block", solution, "--degree", 1, "--limit", 1e-8, *smoothed) == 0

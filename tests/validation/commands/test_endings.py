@@ -97,7 +97,7 @@ def test_a_second_signal_does_not_disturb_the_tidying() -> None:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the lock is glibc's")
-def test_a_computation_that_answers_no_signal_is_ended_all_the_same() -> None:
+def test_a_computation_that_ignores_signals_is_ended_all_the_same() -> None:
     """A C mutex locked twice waits for ever, and no signal wakes it."""
     done = run(
         "import ctypes, os, signal, threading\n"

@@ -31,7 +31,7 @@ from palpate.validation.references.stored import (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """References of some small cases, to be spoiled."""
+    """References of some small cases, to be perturbed."""
     for name in {*QUICK, "beam", "kidney", "shear"}:
         shutil.copy(references_folder() / f"{name}.npz", tmp_path)
     monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
@@ -137,8 +137,8 @@ def test_nothing_is_accepted_without_its_provenance_and_record(
 ):
     build_anew()
     references, key = read_reference(pending_path("block"))
-    spoiled = {k: v for k, v in references.provenance.items() if k != missing}
-    write_reference(pending_path("block"), "block", key, references, spoiled)
+    perturbed = {k: v for k, v in references.provenance.items() if k != missing}
+    write_reference(pending_path("block"), "block", key, references, perturbed)
     before = (folder / "block.npz").read_bytes()
     assert command_line("reference", "accept", "block", "--reason", "trust me") == 2
     words = " ".join(capsys.readouterr().err.split())
@@ -220,17 +220,17 @@ def halve_displacements(path):
     np.savez(path, **{n: 0.5 * a if n.startswith("displ") else a for n, a in arrays.items()})
 
 
-@pytest.mark.parametrize("spoil", ["missing", "damaged", "cut", "stale", "altered"])
-def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, command_line, capsys, spoil):
+@pytest.mark.parametrize("perturb", ["missing", "damaged", "cut", "stale", "altered"])
+def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, command_line, capsys, perturb):
     path = folder / "block.npz"
     whole = path.read_bytes()
-    if spoil == "missing":
+    if perturb == "missing":
         path.unlink()
-    elif spoil == "damaged":
+    elif perturb == "damaged":
         path.write_bytes(whole[:100] + bytes(100) + whole[200:])
-    elif spoil == "cut":
+    elif perturb == "cut":
         path.write_bytes(whole[: len(whole) // 2])
-    elif spoil == "stale":
+    elif perturb == "stale":
         shutil.copy(folder / "beam.npz", path)
     else:
         halve_displacements(path)

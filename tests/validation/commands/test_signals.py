@@ -35,9 +35,9 @@ WORDS = {
     "check": "check kidney",
     "mesh": "mesh kidney --size 4 --uniform -o out/kidney.vtu",
     "export": "export kidney -o out/case",
-    "compare": "compare block.toml answer.npz --live --json out/found.json",
+    "compare": "compare block.toml solution.npz --live --json out/found.json",
     "compare-runs": "compare-runs none.json none.json --summary out/found.md",
-    "audit": "audit block.toml answer.npz --degree 3 --json out/found.json",
+    "audit": "audit block.toml solution.npz --degree 3 --json out/found.json",
     "law": "law ogden --with reference --self-test --json out/found.json",
     "solve": "solve kidney --with reference --degree 2 -o out/solved.vtu",
     "sweep": "sweep block.toml --jobs 2 --with reference --vary "
@@ -79,7 +79,7 @@ def ended_by_a_signal(
     """Start a verb, send it the signal at the moment [s], and look at what is left."""
     write_case()
     mesh = load_case(folder / "block.toml").problem.mesh
-    np.savez(folder / "answer.npz", displacement=1e-3 * mesh.points)
+    np.savez(folder / "solution.npz", displacement=1e-3 * mesh.points)
     (folder / "model.inp").write_text("*NODE\n1, 0, 0, 0\n", encoding="utf-8")
     scratch, out, said = folder / "t", folder / "out", folder / "said.txt"
     for made in (scratch, out):

@@ -34,7 +34,7 @@ def checked(result, metric):
     return next(check for check in result.checks if check.metric == metric)
 
 
-def test_the_difference_is_a_part_of_the_second_answer() -> None:
+def test_the_difference_is_a_part_of_the_second_solution() -> None:
     case = palpate.load_case("block")
     limits = {"displacement_l2": 0.02, "displacement_max": 0.005}
     result = judge_versus(case, stretched_by(1.01), fastsim_candidate(), limits=limits)

@@ -61,6 +61,7 @@ def test_relaxation_tells_the_forces_on_the_tools() -> None:
 
 @pytest.mark.dolfinx
 @pytest.mark.long
+@pytest.mark.nightly
 def test_near_incompressibility_the_mixed_formulation_bends_further(tmp_path: Path) -> None:
     problem = palpate.load_case("block").problem
     stiff = dataclasses.replace(problem, material=palpate.Material(3e4, 0.4999))

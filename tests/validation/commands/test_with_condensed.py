@@ -36,7 +36,7 @@ def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
 
 
 @pytest.mark.parametrize("fault", ["softer", "dropped-load"])
-def test_a_spoiled_answer_turns_its_gate_red(command_line, tmp_path, fault):
+def test_a_perturbed_solution_turns_its_gate_red(command_line, tmp_path, fault):
     path = tmp_path / "r.json"
     arguments = ("gate", "block", "--with", "condensed", "--fault", fault, "--json", path)
     assert command_line(*arguments) == 1

@@ -1,4 +1,4 @@
-"""The one-file simulator, and a case's problem as it answers it with a seeded mistake."""
+"""The one-file simulator, and a case's problem as it solves it with a seeded mistake."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def load_simulator() -> ModuleType:
     return module
 
 
-class Answers:
-    """Answers of the one-file simulator to built-in cases, each asked for once."""
+class Solutions:
+    """Solutions of the one-file simulator to built-in cases, each asked for once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._simulator = folder, load_simulator()
@@ -46,13 +46,13 @@ class Answers:
         folder = self._folder / str(len(list(self._folder.iterdir())))
         write_case_folder(folder / "case", problem, strain, name="case")
         result = folder / "result.npz"
-        self._simulator.answer(folder / "case", result, mistake)
+        self._simulator.solution(folder / "case", result, mistake)
         return result_candidate(result).solve(problem, strain, lambda _line: None)
 
 
 @pytest.fixture(scope="session")
-def answers(tmp_path_factory: pytest.TempPathFactory) -> Answers:
-    return Answers(tmp_path_factory.mktemp("answers"))
+def solutions(tmp_path_factory: pytest.TempPathFactory) -> Solutions:
+    return Solutions(tmp_path_factory.mktemp("solutions"))
 
 
 @pytest.fixture(scope="session")

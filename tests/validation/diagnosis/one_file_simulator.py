@@ -3,7 +3,7 @@
     python one_file_simulator.py CASE RESULT.npz [--mistake NAME]
 
 It shares nothing with palpate but the case folder. Derivatives are complex steps, so that any law
-has its tangent. `--mistake` seeds one of the slips that MISTAKES lists.
+has its tangent. `--mistake` seeds one of the mistakes that MISTAKES lists.
 """
 
 import json
@@ -20,7 +20,7 @@ MISTAKES = {
         "orthotropic", "single", "other-order", "numbered-from-1", "half-support",
         "millimetre-mesh", "neo-hookean", "tensor-shear", "plane-stress", "plane-stress-ratio",
         "young-for-shear", "shear-for-young", "one-minus-nu", "weight-turned", "parent-turned",
-        "answer-turned", "positions-turned",
+        "solution-turned", "positions-turned",
     ),
     "motion": (
         "no-damping", "damping-twice", "heavier", "equal-masses", "masses-by-cells", "wrong-start",
@@ -170,7 +170,7 @@ def move(body, span):
     return np.array(states)
 
 
-def answer(case, result, mistake=""):
+def solution(case, result, mistake=""):
     given = json.loads((Path(case) / "case.json").read_text())
     rest = dict(np.load(Path(case) / "rest.npz"))
     strain, span = given["strain"], given["time"]
@@ -189,7 +189,7 @@ def answer(case, result, mistake=""):
             u = u[..., [1, 0, 2]]
         case "positions":
             u = u + body.X
-        case "answer-turned":
+        case "solution-turned":
             u = u @ T(TURN)
         case "positions-turned":
             u = (u + body.X) @ T(TURN) - body.X
@@ -213,4 +213,4 @@ def answer(case, result, mistake=""):
 
 
 if __name__ == "__main__":
-    answer(sys.argv[1], sys.argv[2], sys.argv[4] if "--mistake" in sys.argv else "")
+    solution(sys.argv[1], sys.argv[2], sys.argv[4] if "--mistake" in sys.argv else "")

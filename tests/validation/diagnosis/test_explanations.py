@@ -1,4 +1,4 @@
-"""The rule by which an explanation is named, and slips beside those of the one-file simulator."""
+"""The rule by which an explanation is named, and mistakes beside its simulator's."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_every_law_has_the_stated_ones_small_strains_but_for_those_that_are_wron
     }
 
 
-def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
+def test_a_symmetric_solution_is_explained_by_several_axes() -> None:
     rest = np.random.default_rng(0).normal(size=(20, 3))
     truth = np.random.default_rng(1).normal(size=(1, 20, 3))
     truth[..., 1] = truth[..., 0]
@@ -118,15 +118,16 @@ def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
 
 
 @pytest.mark.long
-def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> None:
+@pytest.mark.nightly
+def test_an_anisotropic_law_is_found_by_turning_the_problem(solutions: Any) -> None:
     problem = case_of("block").problem
 
     def asked_with(mistake: str) -> Callable[[Problem], Points]:
-        return lambda given: answers.to(given, Strain.GREEN, mistake).displacement
+        return lambda given: solutions.to(given, Strain.GREEN, mistake).displacement
 
     def tried(mistake: str) -> Explanation:
-        answer = answers.of("block", mistake).displacement
-        (found,) = isotropy_hypotheses(problem, answer, asked_with(mistake))
+        solution = solutions.of("block", mistake).displacement
+        (found,) = isotropy_hypotheses(problem, solution, asked_with(mistake))
         return found
 
     assert "not isotropic" in tried("orthotropic").name
@@ -168,16 +169,16 @@ def test_on_a_mesh_of_its_own_only_units_are_tried() -> None:
 
 
 @pytest.mark.long
-def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> None:
+def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(solutions: Any) -> None:
     given = case_of("block-motion").problem
     assert given.time is not None
     unknown = dataclasses.replace(given, time=dataclasses.replace(given.time, time_step=None))
-    diagnosis = diagnose(unknown, answers.of("block-motion", "softer"), None)
+    diagnosis = diagnose(unknown, solutions.of("block-motion", "softer"), None)
     assert diagnosis.explanations == ()
     assert "No time step is known" in str(diagnosis)
     # Unless the candidate says what it took.
     reported = dataclasses.replace(
-        answers.of("block-motion", "softer"), says={"time_step": given.time.time_step}
+        solutions.of("block-motion", "softer"), says={"time_step": given.time.time_step}
     )
     assert "stiffness 0.98 times" in name_of(diagnose(unknown, reported, None))
     # A step that cannot be is no step.
@@ -212,10 +213,11 @@ def test_solver_noise_is_no_anisotropy() -> None:
 
 
 @pytest.mark.long
-def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None:
+@pytest.mark.nightly
+def test_relations_that_only_a_law_with_axes_breaks_say_so(solutions: Any) -> None:
     def judged(mistake: str) -> tuple[Diagnosis, ...]:
         def solve(given: Problem, strain: Strain, _progress: Any) -> State:
-            return answers.to(given, strain, mistake)
+            return solutions.to(given, strain, mistake)
 
         return judge_relations(case_of("block"), Candidate("mine", solve), in_silence).diagnoses
 
@@ -224,8 +226,8 @@ def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None
     assert judged("dropped-cell") == ()
 
 
-def test_an_answer_that_hardly_moves_is_given_no_law() -> None:
-    """Constants as large as you like bring any small answer into equilibrium."""
+def test_a_solution_that_hardly_moves_is_given_no_law() -> None:
+    """Constants as large as you like bring any small solution into equilibrium."""
     problem = case_of("block").problem
     right = solve_static(problem, strain=Strain.LINEAR).displacement
     assert (

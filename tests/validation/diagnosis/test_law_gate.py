@@ -217,8 +217,8 @@ def test_a_cell_without_a_result_is_one_failed_deformation(tmp_path):
 def test_a_cell_that_has_no_stress_is_a_finding_and_no_internal_error(tmp_path, height, became):
     # The last corner of the first cell, at rest at z = 0.02 m, ends at so many times that height.
     program, file = tmp_path / "simulator.py", tmp_path / "found.json"
-    spoiled = f"u[3] = (0.0, 0.0, 0.02 * ({height}) - 0.02)\nsent = {{}}"
-    program.write_text(SIMULATOR.replace("sent = {}", spoiled, 1), encoding="utf-8")
+    perturbed = f"u[3] = (0.0, 0.0, 0.02 * ({height}) - 0.02)\nsent = {{}}"
+    program.write_text(SIMULATOR.replace("sent = {}", perturbed, 1), encoding="utf-8")
     command = f"{sys.executable} {program} {{case}} {{result}} asked"
     code, said = run("neo-hookean", "--simulator", command, "--json", str(file))
     assert code == 1

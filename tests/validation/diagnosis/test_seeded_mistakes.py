@@ -17,8 +17,8 @@ from palpate.validation.solving import simulate
 from palpate.validation.states import State
 
 OTHER = {Strain.GREEN: Strain.LINEAR, Strain.LINEAR: Strain.GREEN}
-# Slips of the answer: its body does not balance as it is written down.
-OF_ANSWER = {
+# Mistakes of the result: its body does not balance as it is written down.
+OF_SOLUTION = {
     "millimetres": "displacement in millimetres",
     "sign": "displacement reversed in sign",
     "swapped-axes": "components x and y exchanged",
@@ -26,12 +26,12 @@ OF_ANSWER = {
 }
 ABOUT_Z = "turned by 60.00 degrees about (0, 0, 1)"
 OF_ORDER = {
-    "answer-turned": f"displacement {ABOUT_Z}: a parent's rotation left out",
+    "solution-turned": f"displacement {ABOUT_Z}: a parent's rotation left out",
     "positions-turned": f"positions {ABOUT_Z}: a parent's rotation left out",
     "other-order": "points in another order",
     "numbered-from-1": "points numbered one off",
 }
-# Slips of the problem: the body balances by other equations.
+# Mistakes of the problem: the body balances by other equations.
 OF_PROBLEM = {
     "other-strain": "linear strain instead of Green strain",
     "engineering-shear": "engineering shear strain taken for tensor shear: shear stresses doubled",
@@ -104,32 +104,34 @@ def test_every_mistake_that_can_be_seeded_is_tried_here() -> None:
     from .conftest import load_simulator
 
     mistakes = load_simulator().MISTAKES
-    assert set(mistakes["statics"]) == {*(*OF_ANSWER, *OF_ORDER, *OF_PROBLEM, *OF_SOFTER, "single")}
+    assert set(mistakes["statics"]) == {
+        *(*OF_SOLUTION, *OF_ORDER, *OF_PROBLEM, *OF_SOFTER, "single")
+    }
     assert set(mistakes["motion"]) == set(OF_MOTION)
 
 
-@pytest.mark.parametrize(("mistake", "name"), (OF_ANSWER | OF_ORDER | OF_PROBLEM).items())
+@pytest.mark.parametrize(("mistake", "name"), (OF_SOLUTION | OF_ORDER | OF_PROBLEM).items())
 def test_a_seeded_mistake_is_named(
-    mistake: str, name: str, answers: Any, reference: Callable[[str], State]
+    mistake: str, name: str, solutions: Any, reference: Callable[[str], State]
 ) -> None:
     problem = case_of("block").problem
-    diagnosis = diagnose(problem, answers.of("block", mistake), reference("block"))
+    diagnosis = diagnose(problem, solutions.of("block", mistake), reference("block"))
     assert named(diagnosis) == name
-    # The block is lopsided: no other slip does the same to it.
+    # The block is lopsided: no other mistake does the same to it.
     assert len(diagnosis.explanations) == 1
 
 
-@pytest.mark.parametrize(("mistake", "name"), (OF_ANSWER | OF_PROBLEM).items())
+@pytest.mark.parametrize(("mistake", "name"), (OF_SOLUTION | OF_PROBLEM).items())
 def test_a_seeded_mistake_is_named_without_a_reference(
-    mistake: str, name: str, answers: Any
+    mistake: str, name: str, solutions: Any
 ) -> None:
     problem = case_of("block").problem
-    assert named(diagnose(problem, answers.of("block", mistake), None)) == name
+    assert named(diagnose(problem, solutions.of("block", mistake), None)) == name
 
 
 @pytest.mark.parametrize(("mistake", "name"), OF_SOFTER.items())
 def test_a_mistake_that_makes_the_body_softer_is_named(
-    mistake: str, name: str, answers: Any
+    mistake: str, name: str, solutions: Any
 ) -> None:
     problem = case_of("block").problem
     pressure, weight, force = problem.loads
@@ -139,7 +141,7 @@ def test_a_mistake_that_makes_the_body_softer_is_named(
         replace(force, traction=tuple(0.3 * f for f in force.traction)),
     )
     problem = replace(problem, loads=loads)
-    diagnosis = diagnose(problem, answers.to(problem, Strain.GREEN, mistake), None)
+    diagnosis = diagnose(problem, solutions.to(problem, Strain.GREEN, mistake), None)
     assert named(diagnosis) == name
     assert len(diagnosis.explanations) == 1
 
@@ -147,10 +149,10 @@ def test_a_mistake_that_makes_the_body_softer_is_named(
 @pytest.mark.parametrize(("mistake", "name"), OF_MOTION.items())
 @pytest.mark.long
 def test_a_mistake_in_a_motion_is_named(
-    mistake: str, name: str, answers: Any, reference: Callable[[str], State]
+    mistake: str, name: str, solutions: Any, reference: Callable[[str], State]
 ) -> None:
     problem = case_of("block-motion").problem
-    diagnosis = diagnose(problem, answers.of("block-motion", mistake), reference("block-motion"))
+    diagnosis = diagnose(problem, solutions.of("block-motion", mistake), reference("block-motion"))
     assert named(diagnosis) == name
     assert len(diagnosis.explanations) == 1
 
@@ -182,11 +184,11 @@ def test_a_mistake_that_nothing_fits_is_given_no_name(
     mistake: str,
     case: str,
     has_reference: bool,
-    answers: Any,
+    solutions: Any,
     reference: Callable[[str], State],
 ) -> None:
     known = reference(case) if has_reference else None
-    diagnosis = diagnose(case_of(case).problem, answers.of(case, mistake), known)
+    diagnosis = diagnose(case_of(case).problem, solutions.of(case, mistake), known)
     assert diagnosis.explanations == ()
     assert str(diagnosis).startswith(f"none of {diagnosis.tested} explanations fits")
     # In motion, without a reference, only the steps are left to try.
@@ -197,57 +199,57 @@ def test_a_mistake_that_nothing_fits_is_given_no_name(
     ("case", "mistake"), [("block", "unconverged"), ("block-motion", "jitter")]
 )
 @pytest.mark.long
-def test_a_wrong_number_that_is_no_slip_is_given_no_name(
-    case: str, mistake: str, answers: Any, reference: Callable[[str], State]
+def test_a_wrong_number_that_is_no_mistake_is_given_no_name(
+    case: str, mistake: str, solutions: Any, reference: Callable[[str], State]
 ) -> None:
-    diagnosis = diagnose(case_of(case).problem, answers.of(case, mistake), reference(case))
+    diagnosis = diagnose(case_of(case).problem, solutions.of(case, mistake), reference(case))
     assert diagnosis.explanations == ()
     assert diagnosis.stated > 1e-3
 
 
-def test_an_answer_that_is_spoiled_at_one_point_is_placed(
-    answers: Any, reference: Callable[[str], State]
+def test_a_solution_that_is_perturbed_at_one_point_is_located(
+    solutions: Any, reference: Callable[[str], State]
 ) -> None:
     problem = case_of("block").problem
-    reported = diagnose(problem, answers.of("block", "corner"), reference("block")).hint
+    reported = diagnose(problem, solutions.of("block", "corner"), reference("block")).hint
     # The corner (40, 25, 20) mm and the points that share a cell with it.
     assert "hold but at 4 of 44 points, about (37.5, 21.8" in reported
 
 
 @pytest.mark.parametrize("case", ["block", "block-motion"])
-def test_a_right_answer_is_said_to_agree(
-    case: str, answers: Any, reference: Callable[[str], State]
+def test_a_right_solution_is_said_to_agree(
+    case: str, solutions: Any, reference: Callable[[str], State]
 ) -> None:
-    diagnosis = diagnose(case_of(case).problem, answers.of(case), reference(case))
+    diagnosis = diagnose(case_of(case).problem, solutions.of(case), reference(case))
     assert [e.cause for e in diagnosis.explanations] == [Cause.AGREES]
     assert "fits" not in str(diagnosis)
 
 
-def test_single_precision_is_told_from_a_slip(
-    answers: Any, reference: Callable[[str], State]
+def test_single_precision_is_distinguished_from_a_mistake(
+    solutions: Any, reference: Callable[[str], State]
 ) -> None:
     problem = case_of("block").problem
-    diagnosis = diagnose(problem, answers.of("block", "single"), reference("block"))
+    diagnosis = diagnose(problem, solutions.of("block", "single"), reference("block"))
     assert [e.cause for e in diagnosis.explanations] == [Cause.PRECISION]
     assert "agrees to single precision" in str(diagnosis)
 
 
-def test_green_strain_in_the_place_of_linear_strain_is_named(answers: Any) -> None:
-    """The other way round, against the reference's linear answer."""
+def test_green_strain_in_the_place_of_linear_strain_is_named(solutions: Any) -> None:
+    """The other way round, against the reference's linear solution."""
     problem = case_of("block").problem
     states = references_of("block").states
-    state = answers.to(problem, Strain.LINEAR, "other-strain")
+    state = solutions.to(problem, Strain.LINEAR, "other-strain")
     other = states[SAME_MESH, Strain.GREEN]
     for reference in (states[SAME_MESH, Strain.LINEAR], None):
         diagnosis = diagnose(problem, state, reference, other_strain=other)
         assert named(diagnosis) == "Green strain instead of linear strain"
 
 
-def test_what_a_linear_case_cannot_tell_apart_is_listed(answers: Any) -> None:
-    """Twice the loads, half the stiffness, twice the answer: the same numbers."""
+def test_what_a_linear_case_cannot_tell_apart_is_listed(solutions: Any) -> None:
+    """Twice the loads, half the stiffness, twice the solution: the same numbers."""
     problem = case_of("block").problem
     reference = references_of("block").states[SAME_MESH, Strain.LINEAR]
-    state = answers.to(problem, Strain.LINEAR, "millimetres")
+    state = solutions.to(problem, Strain.LINEAR, "millimetres")
     diagnosis = diagnose(problem, state, reference)
     assert named(diagnosis) == "displacement in millimetres"
     others = [e.name for e in diagnosis.explanations[1:]]

@@ -35,47 +35,47 @@ def renumbered(mesh, order):
 
 
 @pytest.mark.parametrize("form", ["plain", "positions", "by id", "by position", "mm", "series"])
-def test_an_npz_in_every_form_gives_the_same(tmp_path, problem, answer, form):
+def test_an_npz_in_every_form_gives_the_same(tmp_path, problem, solution, form):
     points, order = problem.mesh.points, shuffled(problem)
     arrays = {
-        "plain": {"displacement": answer},
-        "positions": {"positions": points + answer},
-        "by id": {"displacement": answer[order], "original_id": order},
-        "by position": {"displacement": answer[order], "points": points[order]},
-        "mm": {"displacement": 1e3 * answer, "length_unit": "mm"},
-        "series": {"displacement": np.stack([0 * answer, answer]), "times": [0.0, 1.0]},
+        "plain": {"displacement": solution},
+        "positions": {"positions": points + solution},
+        "by id": {"displacement": solution[order], "original_id": order},
+        "by position": {"displacement": solution[order], "points": points[order]},
+        "mm": {"displacement": 1e3 * solution, "length_unit": "mm"},
+        "series": {"displacement": np.stack([0 * solution, solution]), "times": [0.0, 1.0]},
     }[form]
     found = placed(npz(tmp_path, **arrays), problem)
-    np.testing.assert_allclose(found, answer, rtol=0.0, atol=1e-14 * np.abs(points).max())
+    np.testing.assert_allclose(found, solution, rtol=0.0, atol=1e-14 * np.abs(points).max())
 
 
-def test_a_vtu_renumbered_moved_or_at_rest_gives_the_same(tmp_path, problem, answer):
+def test_a_vtu_renumbered_moved_or_at_rest_gives_the_same(tmp_path, problem, solution):
     order = shuffled(problem)
     meshes = {
-        "rest": (problem.mesh, answer),
-        "renumbered": (renumbered(problem.mesh, order), answer[order]),
-        "moved": (TetMesh(problem.mesh.points + answer, problem.mesh.cells), answer),
+        "rest": (problem.mesh, solution),
+        "renumbered": (renumbered(problem.mesh, order), solution[order]),
+        "moved": (TetMesh(problem.mesh.points + solution, problem.mesh.cells), solution),
     }
     for name, (mesh, field) in meshes.items():
         path = tmp_path / f"{name}.vtu"
         write_mesh(path, mesh, point_data={"displacement": field})
         np.testing.assert_array_equal(
-            placed(path, problem), field if name != "renumbered" else answer
+            placed(path, problem), field if name != "renumbered" else solution
         )
 
 
-def test_a_csv_with_ids_or_places_gives_the_same(tmp_path, problem, answer):
+def test_a_csv_with_ids_or_places_gives_the_same(tmp_path, problem, solution):
     order = shuffled(problem)
-    table = np.column_stack([order, answer[order]])
+    table = np.column_stack([order, solution[order]])
     path = tmp_path / "r.csv"
     np.savetxt(path, table, "%.17g", ",", header="original_id,ux,uy,uz", comments="")
-    np.testing.assert_array_equal(placed(path, problem), answer)
+    np.testing.assert_array_equal(placed(path, problem), solution)
     positions = problem.mesh.points[order]
     np.savetxt(
-        path, np.column_stack([positions, positions + answer[order]]), "%.17g", ",",
+        path, np.column_stack([positions, positions + solution[order]]), "%.17g", ",",
         header="x,y,z,px,py,pz", comments="",
     )  # fmt: skip
-    np.testing.assert_allclose(placed(path, problem), answer, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(placed(path, problem), solution, rtol=0.0, atol=1e-14)
 
 
 LARGE = [2.0**53, 1e300, -1e300]
@@ -123,32 +123,32 @@ UNUSABLE = [
 
 
 @pytest.mark.parametrize(("arrays", "message"), UNUSABLE)
-def test_what_cannot_be_used_is_an_input_error(tmp_path, problem, answer, arrays, message):
+def test_what_cannot_be_used_is_an_input_error(tmp_path, problem, solution, arrays, message):
     known = {
-        "u": answer,
-        "one": answer[None],
-        "two": np.stack([answer, answer]),
-        "short": answer[:-1],
-        "flat": answer.ravel(),
-        "zeros": np.zeros(len(answer), dtype=int),
-        "far": np.arange(len(answer)) + 1,
-        "farther": np.arange(len(answer)) + 7,
-        "one more": np.vstack([answer, answer[:1]]),
-        "first twice": np.append(np.arange(len(answer)), 0),
+        "u": solution,
+        "one": solution[None],
+        "two": np.stack([solution, solution]),
+        "short": solution[:-1],
+        "flat": solution.ravel(),
+        "zeros": np.zeros(len(solution), dtype=int),
+        "far": np.arange(len(solution)) + 1,
+        "farther": np.arange(len(solution)) + 7,
+        "one more": np.vstack([solution, solution[:1]]),
+        "first twice": np.append(np.arange(len(solution)), 0),
         "rest": problem.mesh.points,
         "beyond": problem.mesh.cells + 1,
         "before": problem.mesh.cells - 1,
         "elsewhere": problem.mesh.points + 0.01,
-        "text": np.full(answer.shape, "x"),
+        "text": np.full(solution.shape, "x"),
     }
     filled = {k: known[v] if isinstance(v, str) else v for k, v in arrays.items()}
     with pytest.raises(ResultFileError, match=message):
         placed(npz(tmp_path, **filled), problem)
 
 
-def test_damaged_files_are_input_errors(tmp_path, problem, answer):
-    whole = npz(tmp_path, displacement=answer).read_bytes()
-    write_mesh(tmp_path / "v.vtu", problem.mesh, point_data={"displacement": answer})
+def test_damaged_files_are_input_errors(tmp_path, problem, solution):
+    whole = npz(tmp_path, displacement=solution).read_bytes()
+    write_mesh(tmp_path / "v.vtu", problem.mesh, point_data={"displacement": solution})
     files = {
         "cut.npz": whole[: len(whole) // 2],
         "cut.vtu": (tmp_path / "v.vtu").read_bytes()[:300],
@@ -167,16 +167,16 @@ def test_damaged_files_are_input_errors(tmp_path, problem, answer):
         read_result(tmp_path / "missing.npz")
 
 
-def test_nan_and_a_body_of_another_unit_are_the_candidates_failure(tmp_path, problem, answer):
-    broken = answer.copy()
+def test_nan_and_a_body_of_another_unit_are_the_candidates_failure(tmp_path, problem, solution):
+    broken = solution.copy()
     broken[5, 1] = np.nan
     with pytest.raises(CandidateFailedError, match=r"1 point\(s\), first 5"):
         placed(npz(tmp_path, displacement=broken), problem)
-    in_mm = {"displacement": 1e3 * answer, "points": 1e3 * problem.mesh.points}
+    in_mm = {"displacement": 1e3 * solution, "points": 1e3 * problem.mesh.points}
     with pytest.raises(CandidateFailedError, match="1000 times as large"):
         placed(npz(tmp_path, **in_mm), problem)
     declared = placed(npz(tmp_path, **in_mm, length_unit="mm"), problem)
-    np.testing.assert_allclose(declared, answer, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(declared, solution, rtol=1e-12, atol=1e-15)
 
 
 SLOPE = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])

@@ -68,7 +68,7 @@ def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(tmp_path, problem, k
     np.testing.assert_array_equal(fields["cauchy_stress"].reshape(count, 3, 3), sigma)
     mises = fields["von_mises_stress"].reshape(count)
     assert mises[:2] == pytest.approx([2.0 * np.sqrt(3.0), 0.0], abs=1e-12)
-    if kind == "vtu":  # the kind that is an answer too
+    if kind == "vtu":  # the kind that is a result too
         read = read_result(path)
         np.testing.assert_allclose(read.values[0], state.displacement, atol=1e-18)
         np.testing.assert_array_equal(read.cauchy_stress, sigma)
@@ -100,34 +100,34 @@ def npz(folder, **arrays):
     ["many", ["a", "b", "c"], [["1", "2", "3"]], [[1.0, 2.0], [3.0]], [1.0, 2.0, 3.0], {"x": 1},
      [[1.0, 2.0]], [[[[1.0, 2.0, 3.0]]]], True, [[True, False, True]], 7],
 )  # fmt: skip
-def test_tool_forces_that_are_no_forces_are_refused(tmp_path, problem, answer, forces):
-    path = npz(tmp_path, displacement=answer, about=json.dumps({"tool_forces": forces}))
+def test_tool_forces_that_are_no_forces_are_refused(tmp_path, problem, solution, forces):
+    path = npz(tmp_path, displacement=solution, about=json.dumps({"tool_forces": forces}))
     with pytest.raises(ResultFileError, match="tool_forces"):
         result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
 
 
-def test_tool_forces_with_a_nan_are_read_as_they_are(tmp_path, problem, answer):
-    path = npz(tmp_path, displacement=answer, about='{"tool_forces": [[NaN, 0, 1]]}')
+def test_tool_forces_with_a_nan_are_read_as_they_are(tmp_path, problem, solution):
+    path = npz(tmp_path, displacement=solution, about='{"tool_forces": [[NaN, 0, 1]]}')
     state = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
     assert np.isnan(state.tool_forces[0, 0])
 
 
-def test_fields_of_a_vtu_called_as_texts_are_refused(tmp_path, problem, answer):
+def test_fields_of_a_vtu_called_as_texts_are_refused(tmp_path, problem, solution):
     for name in ("about", "length_unit", "times", "original_id"):
         path = tmp_path / f"{name}.vtu"
-        fields = {"displacement": answer, name: answer[:, 0]}
+        fields = {"displacement": solution, name: solution[:, 0]}
         write_mesh(path, problem.mesh, point_data=fields)
         with pytest.raises(ResultFileError):
             read_result(path)
 
 
-def test_a_damaged_stream_is_refused_in_npz_and_vtu(tmp_path, problem, answer):
-    zipped = npz(tmp_path, displacement=answer)
+def test_a_damaged_stream_is_refused_in_npz_and_vtu(tmp_path, problem, solution):
+    zipped = npz(tmp_path, displacement=solution)
     middle = zipped.stat().st_size // 2
     data = bytearray(zipped.read_bytes())
     data[middle : middle + 8] = b"\xff" * 8
     zipped.write_bytes(bytes(data))
-    write_mesh(tmp_path / "r.vtu", problem.mesh, point_data={"displacement": answer})
+    write_mesh(tmp_path / "r.vtu", problem.mesh, point_data={"displacement": solution})
     text = (tmp_path / "r.vtu").read_text("ascii")
     longest = max(re.findall(r"[A-Za-z0-9+/=]{60,}", text), key=len)
     broken = longest[:50] + "/" * 12 + longest[62:]
@@ -137,12 +137,12 @@ def test_a_damaged_stream_is_refused_in_npz_and_vtu(tmp_path, problem, answer):
             read_result(path)
 
 
-def test_a_result_may_be_many_times_as_large_as_the_cases_own(tmp_path, problem, answer):
+def test_a_result_may_be_many_times_as_large_as_the_cases_own(tmp_path, problem, solution):
     assert room_for_result(problem) == 256 * 1024**2
-    path = npz(tmp_path, displacement=answer)
-    read_result(path, most_bytes=answer.nbytes)
+    path = npz(tmp_path, displacement=solution)
+    read_result(path, most_bytes=solution.nbytes)
     with pytest.raises(ResultFileError, match="when unpacked"):
-        read_result(path, most_bytes=answer.nbytes - 1)
+        read_result(path, most_bytes=solution.nbytes - 1)
 
 
 def sent(problem, path, **arrays):
@@ -152,58 +152,58 @@ def sent(problem, path, **arrays):
     return state_of_result(read_result(path), problem, "mine", Strain.GREEN)
 
 
-def error(problem, state, answer):
+def error(problem, state, solution):
     everywhere = Part(
         np.arange(problem.mesh.num_cells, dtype=np.int32), np.zeros_like(problem.mesh.points)
     )
-    right = make_state(problem.mesh, answer, label="x", simulator="x", strain=Strain.GREEN)
+    right = make_state(problem.mesh, solution, label="x", simulator="x", strain=Strain.GREEN)
     return measure("stress_l2", problem, state, right, everywhere).value
 
 
 @pytest.fixture
-def stress(problem, answer):
-    return Body(problem, Strain.GREEN).stresses(answer)[0]
+def stress(problem, solution):
+    return Body(problem, Strain.GREEN).stresses(solution)[0]
 
 
 def test_what_is_sent_is_judged_and_else_what_follows_from_the_displacement(
-    problem, answer, stress, tmp_path
+    problem, solution, stress, tmp_path
 ):
     file = tmp_path / "r.npz"
-    plain = sent(problem, file, displacement=answer)
+    plain = sent(problem, file, displacement=solution)
     assert plain.sent_stress is None
-    assert error(problem, plain, answer) <= 1e-14
+    assert error(problem, plain, solution) <= 1e-14
     for form in (stress, stress.reshape(-1, 9), stress.astype(np.float32)):
-        state = sent(problem, file, displacement=answer, cauchy_stress=form)
-        assert error(problem, state, answer) <= 1e-6
+        state = sent(problem, file, displacement=solution, cauchy_stress=form)
+        assert error(problem, state, solution) <= 1e-6
     # kPa sent for Pa: as far off as can be.
-    state = sent(problem, file, displacement=answer, cauchy_stress=stress / 1000.0)
-    assert error(problem, state, answer) == pytest.approx(0.999)
+    state = sent(problem, file, displacement=solution, cauchy_stress=stress / 1000.0)
+    assert error(problem, state, solution) == pytest.approx(0.999)
 
 
-def test_numbers_in_another_order_are_put_in_the_cases(problem, answer, stress, tmp_path):
+def test_numbers_in_another_order_are_put_in_the_cases(problem, solution, stress, tmp_path):
     mesh, rng = problem.mesh, np.random.default_rng(5)
     ids, rows = rng.permutation(mesh.num_points), rng.permutation(mesh.num_cells)
     new = np.empty(mesh.num_points, dtype=np.int64)
     new[ids] = np.arange(mesh.num_points)
     cells = new[mesh.cells[rows]][:, [1, 2, 0, 3]]
-    arrays = {"displacement": answer[ids], "cells": cells, "cauchy_stress": stress[rows]}
+    arrays = {"displacement": solution[ids], "cells": cells, "cauchy_stress": stress[rows]}
     by_id = sent(problem, tmp_path / "a.npz", original_id=ids, **arrays)
     by_position = sent(problem, tmp_path / "b.npz", points=mesh.points[ids], **arrays)
     for state in (by_id, by_position):
         assert np.array_equal(state.sent_stress, stress)
-        assert error(problem, state, answer) <= 1e-14
+        assert error(problem, state, solution) <= 1e-14
     # A file of cells in the case's order of points, and those in another.
     write_mesh(
         tmp_path / "c.vtu",
         TetMesh(mesh.points, mesh.cells[rows]),
-        point_data={"displacement": answer},
+        point_data={"displacement": solution},
         cell_data={"cauchy_stress": stress[rows].reshape(-1, 9)},
     )
     state = state_of_result(read_result(tmp_path / "c.vtu"), problem, "mine", Strain.GREEN)
     assert np.array_equal(state.sent_stress, stress)
 
 
-def test_what_palpate_writes_it_reads(problem, answer, tmp_path):
+def test_what_palpate_writes_it_reads(problem, solution, tmp_path):
     found = run_fastsim(problem, Strain.GREEN, lambda _line: None)
     write_solution(tmp_path / "r.vtu", problem, found)
     state = state_of_result(read_result(tmp_path / "r.vtu"), problem, "mine", Strain.GREEN)
@@ -211,12 +211,12 @@ def test_what_palpate_writes_it_reads(problem, answer, tmp_path):
         np.abs(state.sent_stress - found.stresses.cauchy).max()
         <= 1e-12 * np.abs(found.stresses.cauchy).max()
     )
-    assert error(problem, state, answer) <= 1e-9
+    assert error(problem, state, solution) <= 1e-9
 
 
-def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(problem, answer, stress, tmp_path):
+def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(problem, solution, stress, tmp_path):
     own = refine_uniformly(problem.mesh)
-    u = locate_points(problem.mesh, own).read(problem.mesh.cells, answer)
+    u = locate_points(problem.mesh, own).read(problem.mesh.cells, solution)
     children = np.concatenate([np.tile(stress, (4, 1, 1)), np.repeat(stress, 4, axis=0)])
     for factor, expected in ((1.0, 0.0), (2.0, 1.0)):
         state = sent(
@@ -227,10 +227,10 @@ def test_on_a_mesh_of_its_own_it_is_that_of_its_own_cells(problem, answer, stres
             cells=own.cells,
             cauchy_stress=factor * children,
         )
-        assert error(problem, state, answer) == pytest.approx(expected, abs=1e-12)
+        assert error(problem, state, solution) == pytest.approx(expected, abs=1e-12)
 
 
-def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
+def test_what_cannot_be_used_is_said(problem, solution, stress, tmp_path):
     file, mesh = tmp_path / "r.npz", problem.mesh
     lopsided = stress.copy()
     lopsided[:, 0, 1] *= -1.0
@@ -250,14 +250,14 @@ def test_what_cannot_be_used_is_said(problem, answer, stress, tmp_path):
         ({"cauchy_stress": np.array(["a"])}, "not numbers"),
     ):
         with pytest.raises(ResultFileError, match=words):
-            sent(problem, file, displacement=answer, **arrays)
+            sent(problem, file, displacement=solution, **arrays)
     for number in (np.nan, np.inf):
         broken = stress.copy()
         broken[3] = number
         with pytest.raises(CandidateFailedError, match=r"in 1 cell\(s\), first 3"):
-            sent(problem, file, displacement=answer, cauchy_stress=broken)
-    huge = sent(problem, file, displacement=answer, cauchy_stress=np.full_like(stress, 1e308))
-    assert error(problem, huge, answer) == np.inf
+            sent(problem, file, displacement=solution, cauchy_stress=broken)
+    huge = sent(problem, file, displacement=solution, cauchy_stress=np.full_like(stress, 1e308))
+    assert error(problem, huge, solution) == np.inf
 
 
 def test_the_conventions_say_so_and_what_never_to_read():
@@ -267,12 +267,12 @@ def test_the_conventions_say_so_and_what_never_to_read():
     assert "alternate from node to node" in words["conventions"]["smoothed_element"]
 
 
-def test_stresses_are_of_the_element_that_is_asked_for(problem, answer, tmp_path):
+def test_stresses_are_of_the_element_that_is_asked_for(problem, solution, tmp_path):
     about = np.array(json.dumps({"element": "smoothed"}))
-    linear = sent(problem, tmp_path / "r.npz", displacement=answer, about=about)
+    linear = sent(problem, tmp_path / "r.npz", displacement=solution, about=about)
     assert linear.element is Element.LINEAR
-    assert error(problem, linear, answer) <= 1e-14
+    assert error(problem, linear, solution) <= 1e-14
     asked = {"element": Element.SMOOTHED}
     sent_again = read_result(tmp_path / "r.npz")
     state = state_of_result(sent_again, problem, "mine", Strain.GREEN, **asked)
-    assert error(problem, state, answer) > 0.05
+    assert error(problem, state, solution) > 0.05

@@ -24,14 +24,14 @@ PROGRAM = Path(__file__).parent / "simulator_from_words.py"
 TOLERANCE = 1e-10
 
 
-def answer(folder, problem, strain):
+def solution(folder, problem, strain):
     write_case_folder(folder, problem, strain, name="case")
     subprocess.run(
-        [sys.executable, "-I", str(PROGRAM), str(folder), str(folder / "answer.npz")],
+        [sys.executable, "-I", str(PROGRAM), str(folder), str(folder / "solution.npz")],
         check=True,
         timeout=300,
     )
-    with np.load(folder / "answer.npz") as stored:
+    with np.load(folder / "solution.npz") as stored:
         return np.array(stored["displacement"])
 
 
@@ -50,7 +50,7 @@ def test_it_solves_the_block_under_pressure_weight_and_pull(tmp_path, strain):
     problem = load_case("block").problem
     assert any(isinstance(load, Pressure) for load in problem.loads)
     expected = load_stored("block", problem).states[SAME_MESH, strain].displacement
-    found = answer(tmp_path, problem, strain)
+    found = solution(tmp_path, problem, strain)
     assert np.abs(found - expected).max() <= TOLERANCE * np.abs(expected).max()
 
 
@@ -58,7 +58,7 @@ def test_it_solves_the_block_under_pressure_weight_and_pull(tmp_path, strain):
 def test_it_steps_through_the_motion_of_the_block(tmp_path, strain):
     problem = load_case("block-motion").problem
     expected = load_stored("block-motion", problem).states[SAME_MESH, strain].trajectory
-    found = answer(tmp_path, problem, strain)
+    found = solution(tmp_path, problem, strain)
     largest = np.abs(expected.displacements).max()
     assert np.abs(found - expected.displacements).max() <= TOLERANCE * largest
 
@@ -78,7 +78,7 @@ def test_it_knows_springs_over_patches(tmp_path, problem, strain):
     without = simulate(dataclasses.replace(moving, springs=()), strain=strain).displacements
     largest = np.abs(expected).max()
     assert np.abs(expected - without).max() > 0.2 * largest
-    found = answer(tmp_path, moving, strain)
+    found = solution(tmp_path, moving, strain)
     assert np.abs(found - expected).max() <= TOLERANCE * largest
 
 
@@ -113,7 +113,7 @@ def test_it_knows_amplitudes_of_dead_loads_pressures_and_supports(tmp_path, prob
     )
     expected = simulate(moving, strain=strain).displacements
     assert np.abs(expected).max() > 0.05
-    found = answer(tmp_path, moving, strain)
+    found = solution(tmp_path, moving, strain)
     assert np.abs(found - expected).max() <= TOLERANCE * np.abs(expected).max()
 
 

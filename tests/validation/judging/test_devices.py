@@ -46,6 +46,7 @@ def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_in_single_precision_it_passes_where_that_is_granted() -> None:
     case = case_of("block-motion")
     single = fastsim_candidate(device=WARP, precision=Precision.SINGLE)

@@ -44,7 +44,7 @@ from palpate.validation.report.html import write_report
 from palpate.validation.states import Verdict
 
 
-def answer(tmp_path, label, stated, asked=None):
+def solution(tmp_path, label, stated, asked=None):
     """A result file with a stored displacement that states its element, or nothing."""
     about = {} if stated is None else {"about": json.dumps({"element": stated})}
     np.savez(tmp_path / "mine.npz", displacement=stored("block", label).displacement, **about)
@@ -65,10 +65,10 @@ def answer(tmp_path, label, stated, asked=None):
         (SAME_MESH, None, None, Verdict.PASSED),
     ],
 )
-def test_an_answer_is_compared_with_the_element_that_is_asked_for(
+def test_a_solution_is_compared_with_the_element_that_is_asked_for(
     tmp_path, label, stated, asked, verdict
 ):
-    given = answer(tmp_path, label, stated, asked)
+    given = solution(tmp_path, label, stated, asked)
     result = judge_case(case_of("block"), candidate=given, diagnoses=False)
     is_smoothed = asked is Element.SMOOTHED
     for check in on_same_mesh(result):
@@ -88,11 +88,11 @@ def test_an_answer_is_compared_with_the_element_that_is_asked_for(
     assert stated is None or any(stated in note for note in result.notes)
 
 
-def test_without_a_reference_of_its_element_an_answer_is_inconclusive(tmp_path, monkeypatch):
+def test_without_a_reference_of_its_element_a_solution_is_inconclusive(tmp_path, monkeypatch):
     known = references_of("block")
     states = {key: state for key, state in known.states.items() if key[0] != SMOOTHED}
     without = dataclasses.replace(known, states=states)
-    given = answer(tmp_path, SMOOTHED, "smoothed", Element.SMOOTHED)
+    given = solution(tmp_path, SMOOTHED, "smoothed", Element.SMOOTHED)
     result = judged_by(without, monkeypatch, case_of("block"), candidate=given, diagnoses=False)
     checks = [check for check in on_same_mesh(result) if check.strain is GREEN]
     assert {check.verdict for check in checks} == {Verdict.INCONCLUSIVE}
@@ -102,7 +102,7 @@ def test_without_a_reference_of_its_element_an_answer_is_inconclusive(tmp_path, 
 
 @pytest.fixture(scope="module")
 def both():
-    """fastsim beside a candidate that sends the reference's smoothed answers, 1 % too large."""
+    """fastsim beside a candidate that sends the reference's smoothed solutions, 1 % too large."""
 
     def solve(problem, strain, _progress):
         right = stored("block", SMOOTHED, strain)
@@ -124,7 +124,7 @@ def test_two_candidates_stand_beside_one_another(both):
     assert {"fastsim", "mine", SAME_MESH, SMOOTHED} <= {state.label for state in both.states}
     for key in ("green", "green.smoothed"):
         assert f"error.same_mesh.{key}.displacement_l2" in both.metrics
-    # The mistake is found in the smoothed answer, by the equations and reference of its element.
+    # The mistake is found in the smoothed solution, by the equations and reference of its element.
     assert {found.element for found in both.diagnoses} == {Element.SMOOTHED}
 
 

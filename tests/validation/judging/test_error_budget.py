@@ -83,19 +83,19 @@ def test_linear_strain_is_the_models_error(name: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
     problem = problem_of(name)
-    # One Newton step short of the answer: what a tolerance of a few per cent lets through.
+    # One Newton step short of the solution: what a tolerance of a few per cent lets through.
     newton = Newton(problem, Strain.GREEN, 3e-2, 30, Iteration.NEWTON)
     start = solve_static(scale_loads(problem, 0.9)).displacement
     loose = newton.solve(start, 1.0).displacement
     assert loose is not None
-    answer = state_of(problem, loose)
+    solution = state_of(problem, loose)
     # It says itself how far it went.
-    said = {"relative_residual": equations_left(problem, answer)}
-    seeded = budgets_of(name, dataclasses.replace(answer, details=said))
+    said = {"relative_residual": equations_left(problem, solution)}
+    seeded = budgets_of(name, dataclasses.replace(solution, details=said))
     assert_lands_in(SOLVER, seeded, budgets_of(name, solution_of(name)))
     # Who says nothing, or something else, is not believed to have stopped early.
     for details in ({}, {"relative_residual": 1e-3 * said["relative_residual"]}):
-        silent = budgets_of(name, dataclasses.replace(answer, details=details))
+        silent = budgets_of(name, dataclasses.replace(solution, details=details))
         assert {b.rest for b in silent} == {UNEXPLAINED}
         assert [b.terms[UNEXPLAINED] for b in silent] == [b.terms[SOLVER] for b in seeded]
 
@@ -113,7 +113,7 @@ def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
     ],
 )
 def test_a_wrong_law_is_not_booked_as_the_solvers_error(fault: Fault, rest: str) -> None:
-    """A candidate that is asked for Green strain and answers something else."""
+    """A candidate that is asked for Green strain and solves something else."""
     whole = judge_case(case_of("kidney"), candidate=with_fault(fastsim_candidate(), fault))
     budgets = [b for b in case_budgets(whole) if "green" in b.candidate]
     assert {b.rest for b in budgets} == {rest}
@@ -147,7 +147,7 @@ def test_a_finer_mesh_takes_off_what_discretisation_says(name: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_another_mesh_is_discretisations_error(name: str, tmp_path: Path) -> None:
-    """An answer on cells of half the size, brought as a file with its own mesh."""
+    """A result on cells of half the size, brought as a file with its own mesh."""
     problem = problem_of(name)
     finer = refine_problem(problem)
     fine = solve_static(finer).displacement
@@ -157,7 +157,7 @@ def test_another_mesh_is_discretisations_error(name: str, tmp_path: Path) -> Non
     seeded = budgets_of(name, brought)
     healthy = budgets_of(name, solution_of(name))
     for after, before in zip(seeded, healthy, strict=True):
-        # Cells twice the size are what the case's own answer has more: all of it, in its term.
+        # Cells twice the size are what the case's own solution has more: all of it, in its term.
         known = after.value - before.value
         found = (after.terms[DISCRETISATION] or 0.0) - (before.terms[DISCRETISATION] or 0.0)
         assert abs(known) > 0.005 * abs(before.truth)
@@ -214,6 +214,7 @@ def test_discretisation_is_what_meshes_without_the_reference_find(
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_discretisation_of_the_kidney_is_found_within_the_bar_of_other_meshes() -> None:
     """Linear tetrahedra converge with order 0.8 here: too slowly to tell it to a tenth."""
     truth = references_of("kidney").truth(Strain.GREEN)

@@ -47,7 +47,7 @@ def test_both_strain_measures_are_asked_for_before_either_has_answered() -> None
     ]
 
 
-def test_one_strain_measure_that_fails_leaves_the_other_its_answer() -> None:
+def test_one_strain_measure_that_fails_leaves_the_other_its_solution() -> None:
     def solve(problem: Problem, strain: Strain, say: Any) -> State:
         if strain is Strain.LINEAR:
             raise CandidateFailedError("it diverged")

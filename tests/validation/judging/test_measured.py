@@ -1,4 +1,4 @@
-"""A candidate beside what was measured: the verdict of V&V 20, and red where it is spoiled."""
+"""A candidate beside what was measured: the verdict of V&V 20, and red where it is perturbed."""
 
 from __future__ import annotations
 
@@ -106,15 +106,15 @@ def test_inputs_count_with_their_correlation(bar: Case) -> None:
         assert values.doubt == pytest.approx(expected, rel=0.01)
 
 
-def test_linear_tetrahedra_and_a_spoiled_result_are_red(bar: Case) -> None:
+def test_linear_tetrahedra_and_a_perturbed_result_are_red(bar: Case) -> None:
     for check, _ in judged(bar, fastsim_candidate(element=Element.LINEAR)):
         assert check.verdict is Verdict.FAILED, check.message
 
-    def spoiled(problem: Problem) -> np.ndarray:
+    def perturbed(problem: Problem) -> np.ndarray:
         state = palpate.solve(problem, element="smoothed")
         return 0.7 * state.displacement
 
-    for check, _ in judged(bar, function_candidate(spoiled)):
+    for check, _ in judged(bar, function_candidate(perturbed)):
         assert check.verdict is Verdict.FAILED, check.message
 
 

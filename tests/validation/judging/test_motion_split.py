@@ -198,10 +198,10 @@ def test_the_damping_of_one_mode_is_measured_to_the_formula(integrator: Integrat
     span = TimeSpan(0.2, step, 0.0, 200)
     states = np.zeros((201, problem.mesh.num_points, 3))
     states[:, -1, 2] = 1e-4 * (amplification(integrator, angle) ** np.arange(201)).real
-    answer = make_state(
+    solution = make_state(
         problem.mesh, states[-1], label="a", simulator="a", strain=Strain.GREEN,
         trajectory=Trajectory(step * np.arange(201), states), steps=Steps(integrator, step),
     )  # fmt: skip
-    found = measure_numerical_damping(dataclasses.replace(problem, time=span), answer)
+    found = measure_numerical_damping(dataclasses.replace(problem, time=span), solution)
     assert found.formula == pytest.approx(numerical_damping_ratio(integrator, angle), rel=1e-6)
     assert found.measured == pytest.approx(found.formula, rel=1e-5)

@@ -1,4 +1,4 @@
-"""No built-in case passes an answer that is right at its points and garbage between them."""
+"""No built-in case passes a solution that is right at its points and garbage between them."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_xpbd_comes_to_it_with_shorter_steps_and_not_with_more_iterations(case: 
 def test_a_result_that_states_nothing_is_judged_by_what_is_asked(
     case: Case, tmp_path: Path
 ) -> None:
-    # The explicit reference's own answer, called so and called another scheme's.
+    # The explicit reference's own solution, called so and called another scheme's.
     own = tmp_path / "own.py"
     own.write_text(
         "import sys, palpate, numpy as np\n"

@@ -1,4 +1,4 @@
-"""A correct answer in single precision passes where that is granted, a wrong one nowhere."""
+"""A correct solution in single precision passes where that is granted, a wrong one nowhere."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def fastsim_in_single(problem, strain):
     return simulate(problem, strain=strain, precision=Arithmetic.SINGLE).displacements
 
 
-ANSWERS = {
+SOLUTIONS = {
     "positions sent, block": ("block", sent("block", as_positions)),
     "positions sent, beam": ("beam", sent("beam", as_positions)),
     "positions sent, cantilever": ("cantilever", sent("cantilever", as_positions)),
@@ -143,14 +143,14 @@ def block_of_single(tmp_path):
     rest = case_of("block").problem.mesh.points
     moved = as_positions(rest, stored("block", SAME_MESH).displacement)
     about = json.dumps({"tool": "it", "precision": "single"})
-    np.savez(tmp_path / "answer.npz", displacement=moved, about=about)
-    return tmp_path / "answer.npz"
+    np.savez(tmp_path / "solution.npz", displacement=moved, about=about)
+    return tmp_path / "solution.npz"
 
 
-@pytest.mark.parametrize("word", ANSWERS)
+@pytest.mark.parametrize("word", SOLUTIONS)
 @pytest.mark.long
-def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word):
-    name, candidate = ANSWERS[word]
+def test_a_correct_solution_in_single_precision_passes_where_that_is_granted(word):
+    name, candidate = SOLUTIONS[word]
     strict = judge_case(case_of(name), candidate=candidate)
     assert strict.verdict is Verdict.FAILED
     assert all(REMARK in check.message for check in failed(strict))
@@ -175,7 +175,7 @@ def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word)
     }.items(),
 )  # fmt: skip
 @pytest.mark.long
-def test_a_wrong_answer_fails_in_single_precision_too(name, faults):
+def test_a_wrong_solution_fails_in_single_precision_too(name, faults):
     for fault in faults:
         wrong = with_fault(fastsim_candidate(), fault)
         result = judge_case(case_of(name), candidate=wrong, precision=Precision.SINGLE)
@@ -184,7 +184,7 @@ def test_a_wrong_answer_fails_in_single_precision_too(name, faults):
         assert not any(REMARK in check.message for check in result.checks), fault
 
 
-def test_a_wrong_answer_has_no_such_remark():
+def test_a_wrong_solution_has_no_such_remark():
     result = judge_case(case_of("block"), candidate=with_fault(fastsim_candidate(), Fault.SOFTER))
     assert result.verdict is Verdict.FAILED
     assert not any(REMARK in check.message for check in result.checks)
@@ -220,7 +220,7 @@ def test_a_case_may_grant_it_to_all_or_some_of_its_checks(write_case, monkeypatc
 
 
 def test_the_precision_stands_in_every_output():
-    name, candidate = ANSWERS["positions sent, cantilever"]
+    name, candidate = SOLUTIONS["positions sent, cantilever"]
     results = [judge_case(case_of(name), candidate=candidate, precision=Precision.SINGLE)]
     (case,) = json.loads(outputs.results_json(results, "x"))["cases"]
     assert {(c["against"], c["precision"]) for c in case["checks"]} == {

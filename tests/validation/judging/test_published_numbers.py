@@ -173,26 +173,26 @@ def judged(
 @pytest.mark.parametrize("strain", Strain)
 def test_the_closed_forms_of_the_candidate(tmp_path: Path, strain: Strain, element: Element):
     case = write(tmp_path, *(check(*form, strain) for form in forms(strain)))
-    answer = solved(case.problem, strain, element=element)
-    for found in judged(case, answer):
+    solution = solved(case.problem, strain, element=element)
+    for found in judged(case, solution):
         assert found.verdict is Verdict.PASSED, found.message
         assert found.value is not None
         assert found.value < 1e-9
     # 2 % farther pressed, the other strain's numbers, nothing at all: all red.
-    spoiled = dataclasses.replace(
-        answer,
-        displacement=1.02 * answer.displacement,
+    perturbed = dataclasses.replace(
+        solution,
+        displacement=1.02 * solution.displacement,
         volume=case.problem.mesh.volume * (1 + 1.02 * (A - 1)),
         stresses=None,
     )
     still = dataclasses.replace(
-        answer, displacement=0 * answer.displacement, volume=2e-6, stresses=None
+        solution, displacement=0 * solution.displacement, volume=2e-6, stresses=None
     )
-    for wrong in (spoiled, still):
+    for wrong in (perturbed, still):
         assert {found.verdict for found in judged(case, wrong)} == {Verdict.FAILED}
     (other,) = (s for s in Strain if s is not strain)
     case = write(tmp_path, *(check(*form, strain) for form in forms(other)))
-    verdicts = [found.verdict for found in judged(case, answer)]
+    verdicts = [found.verdict for found in judged(case, solution)]
     # The volume is that of a prescribed length in both.
     assert [verdict is Verdict.PASSED for verdict in verdicts] == [
         form[0] == "published_volume_change" for form in forms(other)
@@ -203,8 +203,8 @@ def test_the_closed_forms_of_the_candidate(tmp_path: Path, strain: Strain, eleme
 def test_the_truths_numbers_have_the_bars_that_it_was_asked_for(tmp_path: Path, strain: Strain):
     checks = [check(*form, strain, against='"truth"') for form in forms(strain)]
     case = write(tmp_path, *checks)
-    answer = solved(case.problem, strain)
-    truth, coarse = as_truth(case, answer, TRUTH), as_truth(case, answer, QUADRATIC)
+    solution = solved(case.problem, strain)
+    truth, coarse = as_truth(case, solution, TRUTH), as_truth(case, solution, QUADRATIC)
     for found in judged(case, None, truth, bar=1e-8):
         assert found.verdict is Verdict.PASSED, found.message
         assert 0.0 < found.reference_error < 1e-6
@@ -219,7 +219,7 @@ def test_the_truths_numbers_have_the_bars_that_it_was_asked_for(tmp_path: Path, 
             assert found.verdict is Verdict.INCONCLUSIVE
             assert "build it anew" in found.message
     # One on the case's mesh is told from linear tetrahedra there; alone, by nothing.
-    linear = dataclasses.replace(answer, label=SAME_MESH)
+    linear = dataclasses.replace(solution, label=SAME_MESH)
     assert {f.verdict for f in judged(case, None, coarse, linear)} == {Verdict.PASSED}
     found = [f.verdict for f in judged(case, None, coarse) if f.metric != "published_volume_change"]
     assert set(found) == {Verdict.INCONCLUSIVE}
@@ -252,14 +252,14 @@ def test_the_force_of_a_plate(tmp_path: Path, strain: Strain):
     pressed = forms(strain)[0][2]
     reported = check("published_tool_force", 'tool = 1\ncomponent = "x"', pressed, strain)
     case = write(tmp_path, reported, by=PLATE)
-    answer = solved(case.problem, strain)
-    (found,) = judged(case, answer)
+    solution = solved(case.problem, strain)
+    (found,) = judged(case, solution)
     # What the plate feels is what it exerts, turned round: along +x.
     assert found.verdict is Verdict.PASSED, found.message
     assert "mN" in found.message
-    assert answer.tool_forces is not None
-    for forces in (1.02 * answer.tool_forces, 0 * answer.tool_forces, None):
-        (found,) = judged(case, dataclasses.replace(answer, tool_forces=forces))
+    assert solution.tool_forces is not None
+    for forces in (1.02 * solution.tool_forces, 0 * solution.tool_forces, None):
+        (found,) = judged(case, dataclasses.replace(solution, tool_forces=forces))
         assert found.verdict is Verdict.FAILED
 
 
@@ -278,11 +278,11 @@ def test_a_measurements_uncertainty_counts_like_a_bar(tmp_path: Path, form: Form
         measured = exact / (1.0 - off)
         more = {"uncertainty": uncertainty * abs(measured), "limit": 0.02}
         case = write(tmp_path, check(metric, of, measured, GREEN, against=f'"{against}"', **more))
-        answer = solved(case.problem)
+        solution = solved(case.problem)
         if against == "candidate":
-            (found,) = judged(case, answer)
+            (found,) = judged(case, solution)
         else:
-            truth = as_truth(case, answer, TRUTH)
+            truth = as_truth(case, solution, TRUTH)
             (found,) = judged(case, None, truth, bar=1e-12)
             if form is CORNER:  # the truth's own bar comes on top
                 (doubtful,) = judged(case, None, truth, bar=0.04)
@@ -361,18 +361,18 @@ def test_what_is_not_there_is_named(tmp_path: Path):
         write(tmp_path, check(*forms(GREEN)[3], GREEN, against='"truth"'), by=PUSHED + time)
 
 
-def test_an_answer_on_a_mesh_of_its_own_is_read_with_its_doubt(tmp_path: Path):
+def test_a_solution_on_a_mesh_of_its_own_is_read_with_its_doubt(tmp_path: Path):
     case = write(tmp_path, *(check(*form, GREEN, limit=0.05) for form in forms(GREEN)))
-    answer = on_own_mesh(fastsim_candidate()).solve(case.problem, GREEN, in_silence)
-    assert answer.own is not None
-    for found in judged(case, answer):
+    solution = on_own_mesh(fastsim_candidate()).solve(case.problem, GREEN, in_silence)
+    assert solution.own is not None
+    for found in judged(case, solution):
         # Homogeneous: nothing is lost between the points of either mesh.
         assert found.verdict is Verdict.PASSED, found.message
         assert found.value is not None
         assert found.value < 1e-6
     twice = dataclasses.replace(
-        answer,
-        own=dataclasses.replace(answer.own, displacements=2.0 * answer.own.displacements),
+        solution,
+        own=dataclasses.replace(solution.own, displacements=2.0 * solution.own.displacements),
         volume=case.problem.mesh.volume * (1 + 2.0 * (A - 1)),
     )
     assert Verdict.PASSED not in {found.verdict for found in judged(case, twice)}

@@ -1,4 +1,4 @@
-"""A check that the null answer passes supports no verdict; what is left out is reported."""
+"""A check that the null solution passes supports no verdict; what is left out is reported."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ pose = [{ time = 0.0, position = [1.0, 0.5, 2.0] }, { time = 1.0, position = [1.
 
 @pytest.fixture
 def judged(write_case, monkeypatch):
-    """fastsim on the block with some text replaced, judged by its own answers."""
+    """fastsim on the block with some text replaced, judged by its own solutions."""
 
     def judge(*changes, **options):
         case = load_case(write_case(*changes))
@@ -72,7 +72,9 @@ def test_what_is_no_number_above_zero_is_no_bar_and_no_error_that_could_pass(val
         ],
     ],
 )
-def test_a_check_that_the_null_answer_passes_is_vacuous_and_the_case_inconclusive(judged, changes):
+def test_a_check_that_the_null_solution_passes_is_vacuous_and_the_case_inconclusive(
+    judged, changes
+):
     result = judged(*changes)
     assert all(c.is_vacuous for c in result.checks)
     assert result.verdict is Verdict.INCONCLUSIVE
@@ -80,7 +82,7 @@ def test_a_check_that_the_null_answer_passes_is_vacuous_and_the_case_inconclusiv
     assert "nothing moves" in result.notes[-1]
 
 
-def test_a_limit_just_below_the_null_answers_error_is_not_vacuous(judged):
+def test_a_limit_just_below_the_null_solutions_error_is_not_vacuous(judged):
     assert judged((LIMIT, "limit = 0.999")).verdict is Verdict.PASSED
 
 
@@ -123,7 +125,7 @@ def test_checks_left_out_stand_in_every_output(judged):
 
 
 @pytest.mark.parametrize("name", builtin_cases())
-def test_no_built_in_case_lets_a_plainly_wrong_answer_pass(name):
+def test_no_built_in_case_lets_a_plainly_wrong_solution_pass(name):
     judge = CaseJudge(case_of(name), references_of(name))
     assert judge.unseen() == ()
     assert any(not judge.is_vacuous(spec) for spec in judge.checks)
@@ -135,7 +137,7 @@ def test_what_a_case_cannot_see_is_named(judged):
     assert any("turned round" in note for note in result.notes)
 
 
-def test_the_null_answer_has_the_times_and_tools_of_the_reference(problem):
+def test_the_null_solution_has_the_times_and_tools_of_the_reference(problem):
     reference = stored("slide", SAME_MESH)
     null = null_result(case_of("slide").problem, GREEN, reference)
     assert null.displacements.shape == reference.displacements.shape
@@ -148,8 +150,8 @@ def test_the_null_answer_has_the_times_and_tools_of_the_reference(problem):
 def test_wrong_motions_are_wrong_as_they_say():
     reference = stored("block-motion", SAME_MESH)
     wrong = {
-        answer.label: answer.displacements
-        for answer in wrong_results(case_of("block-motion").problem, reference)
+        solution.label: solution.displacements
+        for solution in wrong_results(case_of("block-motion").problem, reference)
     }
     repeated, halted = "last state repeated", "every second state still"
     plain = ["nothing moves", "turned round", "twice as large", "axes exchanged"]

@@ -27,11 +27,11 @@ EVERY = [(strain, element) for strain in Strain for element in Element]
 
 
 def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Problem, np.ndarray]:
-    """A case, and its answer with every point, held ones too, a thousandth off."""
+    """A case, and its solution with every point, held ones too, a thousandth off."""
     problem = load_case(name).problem
-    answer = palpate.solve(problem, strain=strain, element=element).displacement
-    noise = np.random.default_rng(1).standard_normal(answer.shape)
-    return problem, answer + 1e-3 * np.abs(answer).max() * noise
+    solution = palpate.solve(problem, strain=strain, element=element).displacement
+    noise = np.random.default_rng(1).standard_normal(solution.shape)
+    return problem, solution + 1e-3 * np.abs(solution).max() * noise
 
 
 @pytest.mark.dolfinx
@@ -62,16 +62,16 @@ def test_it_finds_what_the_reference_finds(name: str, strain: Strain, element: E
 
 
 @pytest.mark.parametrize(("strain", "element"), EVERY)
-def test_an_equilibrium_passes_and_a_softer_answer_does_not(
+def test_an_equilibrium_passes_and_a_softer_solution_does_not(
     strain: Strain, element: Element
 ) -> None:
     problem = load_case("block").problem
-    answer = palpate.solve(problem, strain=strain, element=element).displacement
-    good = audit_on_own_mesh(problem, answer, strain=strain, element=element)
+    solution = palpate.solve(problem, strain=strain, element=element).displacement
+    good = audit_on_own_mesh(problem, solution, strain=strain, element=element)
     assert good.relative_residual_norm < 1e-8
     assert good.support_gap == 0.0
     assert abs(good.displacement_error or 1.0) < 1e-8
-    softer = audit_on_own_mesh(problem, 1.02 * answer, strain=strain, element=element)
+    softer = audit_on_own_mesh(problem, 1.02 * solution, strain=strain, element=element)
     assert softer.relative_residual_norm > 1e-3
     assert softer.displacement_error == pytest.approx(0.02, rel=0.1)
 
@@ -196,7 +196,7 @@ def test_both_solvers_solve_and_tell_what_they_cannot() -> None:
 
 def test_the_door_says_which_degree_needs_no_fenicsx(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.reference.availability.is_available", lambda: False)
-    answer = 0.0 * load_case("block").problem.mesh.points
-    assert palpate.audit("block", answer, degree=1).degree == 1
+    solution = 0.0 * load_case("block").problem.mesh.points
+    assert palpate.audit("block", solution, degree=1).degree == 1
     with pytest.raises(palpate.ReferenceUnavailableError, match=re.escape("degree 1 needs none")):
-        palpate.audit("block", answer)
+        palpate.audit("block", solution)

@@ -1,4 +1,4 @@
-"""A NaN or a number too large to measure fails every metric, wherever in an answer it stands."""
+"""A NaN or a number too large to measure fails every metric, wherever in a solution it stands."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def verdict_of(name: str, candidate: State) -> Verdict:
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_every_metric_passes_the_right_answer_and_fails_nan_and_what_cannot_be_measured(
+def test_every_metric_passes_the_right_solution_and_fails_nan_and_what_cannot_be_measured(
     name: str,
 ) -> None:
     assert verdict_of(name, swinging()) is Verdict.PASSED

@@ -200,10 +200,10 @@ def test_a_pressure_all_around_works_on_the_change_of_volume(problem: Problem) -
     np.testing.assert_array_equal(load_force(mesh, load, displacement, Strain.LINEAR), at_rest)
 
 
-def test_an_answer_of_fastsim_is_in_balance_and_half_of_it_is_not(
-    problem: Problem, answer: NDArray[np.float64]
+def test_a_solution_of_fastsim_is_in_balance_and_half_of_it_is_not(
+    problem: Problem, solution: NDArray[np.float64]
 ) -> None:
-    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(answer)
+    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(solution)
     assert np.abs(residual).max() < 1e-9 * scale
-    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(0.5 * answer)
+    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(0.5 * solution)
     assert np.abs(residual).max() > 0.01 * scale

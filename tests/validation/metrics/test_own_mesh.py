@@ -1,4 +1,4 @@
-"""Garbage anywhere on a candidate's own mesh fails; an honest answer on another mesh does not."""
+"""Garbage anywhere on a candidate's own mesh fails; an honest solution on another mesh does not."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def state_of(problem: Problem, displacement: Field, *, degree: int = 1) -> State
     return made_state(problem.mesh, displacement, degree=degree)
 
 
-def answer(own: TetMesh, displacement: Field) -> State:
-    """An answer to CASE on another mesh."""
+def solution(own: TetMesh, displacement: Field) -> State:
+    """A solution to CASE on another mesh."""
     location = locate(own.points, own.cells, CASE.mesh.points)
     read = state_of(CASE, location.read(own.cells, displacement))
     return with_own_mesh(read, CASE.mesh, OwnMesh(own, displacement[None]))
@@ -100,12 +100,12 @@ def test_every_comparison_is_made_on_the_own_mesh_or_depends_on_none() -> None:
 # Not of a support's force: on the finer mesh the reference is no longer in balance.
 @pytest.mark.parametrize("metric", sorted(set(IN_SPACE) - {"reaction_force"}))
 def test_the_reference_itself_on_a_finer_mesh_is_met_exactly(metric: str) -> None:
-    found = measure(metric, CASE, answer(*same_on_finer()), REFERENCE)
+    found = measure(metric, CASE, solution(*same_on_finer()), REFERENCE)
     assert found.value < 1e-9
     assert found.uncertainty < 1e-9
 
 
-def spoiled(where: str) -> tuple[TetMesh, Field]:
+def perturbed(where: str) -> tuple[TetMesh, Field]:
     """Garbage at points that the case does not have; what is read at the case's is right."""
     own, u = same_on_finer()
     is_new = np.arange(own.num_points) >= CASE.mesh.num_points
@@ -122,8 +122,8 @@ def spoiled(where: str) -> tuple[TetMesh, Field]:
 @pytest.mark.parametrize("where", ["all", "inside", "border"])
 @pytest.mark.parametrize("metric", IN_SPACE)
 def test_garbage_between_the_cases_points_fails(metric: str, where: str) -> None:
-    own, u = spoiled(where)
-    candidate = answer(own, u)
+    own, u = perturbed(where)
+    candidate = solution(own, u)
     # At the case's points alone nothing is to be seen.
     bare = dataclasses.replace(candidate, own=None)
     np.testing.assert_allclose(bare.displacement, REFERENCE.displacement, atol=1e-7)
@@ -143,22 +143,22 @@ def test_a_single_garbage_point_of_the_own_mesh_fails(metric: str) -> None:
     u = u.copy()
     edge = np.flatnonzero((own.points[:, 0] > 1.0) & (own.points[:, 2] > 1.0 - 1e-9))
     u[edge[edge >= CASE.mesh.num_points][0]] += [0.0, 0.0, 1.0]
-    assert judged(metric, answer(own, u), 0.1) is Verdict.FAILED
+    assert judged(metric, solution(own, u), 0.1) is Verdict.FAILED
 
 
 @pytest.mark.parametrize("metric", ["inverted_cells", "smallest_det_f"])
 @pytest.mark.parametrize("where", ["all", "inside", "border"])
 def test_own_cells_turned_inside_out_fail(metric: str, where: str) -> None:
     spec = CheckSpec(metric=metric, against="candidate", limit=0.0, reason="r")
-    check = judge_check(spec, Strain.GREEN, CASE, answer(*spoiled(where)), None, 0.0, "")
+    check = judge_check(spec, Strain.GREEN, CASE, solution(*perturbed(where)), None, 0.0, "")
     assert check.verdict is Verdict.FAILED
-    right = judge_check(spec, Strain.GREEN, CASE, answer(*same_on_finer()), None, 0.0, "")
+    right = judge_check(spec, Strain.GREEN, CASE, solution(*same_on_finer()), None, 0.0, "")
     assert right.verdict is Verdict.PASSED
 
 
 @pytest.mark.parametrize("divisions", [(4, 2, 2), (9, 5, 4), (12, 6, 6)])
 @pytest.mark.parametrize("metric", sorted(set(IN_SPACE) - {"reaction_force"}))
-def test_an_honest_answer_is_as_good_on_its_own_mesh_as_at_the_cases_points(
+def test_an_honest_solution_is_as_good_on_its_own_mesh_as_at_the_cases_points(
     metric: str, divisions: tuple[int, int, int]
 ) -> None:
     # The truth at the case's points: twelve cells along, of which every other point is one.
@@ -166,12 +166,12 @@ def test_an_honest_answer_is_as_good_on_its_own_mesh_as_at_the_cases_points(
     at = locate(fine.mesh.points, fine.mesh.cells, CASE.mesh.points)
     truth = state_of(CASE, at.read(fine.mesh.cells, u), degree=2)
     problem, displacement = solved(divisions)
-    candidate = answer(problem.mesh, displacement)
+    candidate = solution(problem.mesh, displacement)
     own = measure(metric, CASE, candidate, truth)
     at_points = measure(metric, CASE, dataclasses.replace(candidate, own=None), truth)
     assert np.isfinite(own.uncertainty)
     if metric in ("displacement_h1", "energy_norm", "local_volume", "strain_energy"):
-        # Gradients of what was read at the points are not those of the answer: no more is known.
+        # Gradients of what was read at the points are not those of the solution: no more is known.
         return
     # A thousandth for the edges of the clamped end, where no polynomial is near.
     assert own.value - own.uncertainty <= at_points.value + 1e-3
@@ -181,7 +181,7 @@ def test_a_verdict_that_the_reading_leaves_open_says_what_to_do() -> None:
     fine, u = solved((12, 6, 6))
     at = locate(fine.mesh.points, fine.mesh.cells, CASE.mesh.points)
     truth = state_of(CASE, at.read(fine.mesh.cells, u), degree=2)
-    candidate = answer(fine.mesh, u)
+    candidate = solution(fine.mesh, u)
     found = measure("displacement_max", CASE, candidate, truth)
     assert found.uncertainty > 1e-3
     spec = CheckSpec(metric="displacement_max", limit=found.value, reason="r")
@@ -196,11 +196,11 @@ def test_support_forces_are_summed_on_the_own_mesh() -> None:
     # In equilibrium the support carries the loads: of every mesh, to what the solver leaves.
     for divisions in ((4, 2, 2), (9, 5, 4)):
         problem, u = solved(divisions)
-        found = measure("reaction_force", CASE, answer(problem.mesh, u), REFERENCE)
+        found = measure("reaction_force", CASE, solution(problem.mesh, u), REFERENCE)
         assert found.value < 1e-6
         carried = body_of(problem, Strain.GREEN).support_reactions(u)[0]
         np.testing.assert_allclose(carried, [-60.0, -20.0, 50.0], rtol=1e-6, atol=3.4)
-        halved = measure("reaction_force", CASE, answer(problem.mesh, 0.5 * u), REFERENCE)
+        halved = measure("reaction_force", CASE, solution(problem.mesh, 0.5 * u), REFERENCE)
         assert halved.value - halved.uncertainty > 0.1
 
 
@@ -238,19 +238,19 @@ def test_a_load_beside_a_support_leaves_its_force_open() -> None:
     pushed = dataclasses.replace(
         CASE, loads=(*CASE.loads, PointForce(beside.astype(np.int32), np.array([[0.0, 7.0, 0.0]])))
     )
-    found = measure("reaction_force", pushed, answer(problem.mesh, u), REFERENCE)
+    found = measure("reaction_force", pushed, solution(problem.mesh, u), REFERENCE)
     # 7 N of a support that feels |(60, 20, -50)| N, 80.6 N.
     assert found.value + found.uncertainty >= 7.0 / 82.7
 
 
-def test_a_pressure_beside_a_support_is_taken_where_the_answer_has_moved_it() -> None:
+def test_a_pressure_beside_a_support_is_taken_where_the_solution_has_moved_it() -> None:
     # The case's own mesh sent as a mesh of one's own: then nothing differs, wherever one pushes.
     above = CASE.mesh.points[CASE.mesh.boundary_facets][:, :, 2]
     top = CASE.mesh.boundary_facets[(above > 1.0 - 1e-9).all(axis=1)]
     pressed = dataclasses.replace(CASE, loads=(*CASE.loads, Pressure(top, 30.0)))
     u = solve_static(pressed, strain=Strain.GREEN).displacement
     found = measure(
-        "reaction_force", pressed, answer(CASE.mesh, u), state_of(pressed, np.asarray(u))
+        "reaction_force", pressed, solution(CASE.mesh, u), state_of(pressed, np.asarray(u))
     )
     assert found.value - found.uncertainty <= 0.0
     assert (
@@ -260,9 +260,9 @@ def test_a_pressure_beside_a_support_is_taken_where_the_answer_has_moved_it() ->
     assert own_reactions(pressed, pressed, 2.0 * u, doubled, state_of(pressed, u))[0] > 10.0
 
 
-def test_an_answer_sent_finer_than_it_was_solved_does_not_fail_by_its_weight() -> None:
+def test_a_solution_sent_finer_than_it_was_solved_does_not_fail_by_its_weight() -> None:
     # The weight is lumped at other points then, which no support has to carry differently.
-    found = measure("reaction_force", CASE, answer(*same_on_finer()), REFERENCE)
+    found = measure("reaction_force", CASE, solution(*same_on_finer()), REFERENCE)
     assert found.value <= found.uncertainty * (1.0 + 1e-9)
     # All of the weight, 20 N/m3 of 2 m3, of a support that feels |(60, 20, -50)| N.
     assert found.uncertainty < 40.0 / 80.6
@@ -289,7 +289,7 @@ def test_an_own_cell_has_the_material_of_the_cases_cell_that_holds_its_middle() 
     part = Inclusion(stiff.astype(np.int32), Material(5000.0, 0.2))
     mixed = dataclasses.replace(CASE, inclusions=(part,))
     own, u = same_on_finer()
-    assert measure("strain_energy", mixed, answer(own, u), REFERENCE).value < 1e-9
+    assert measure("strain_energy", mixed, solution(own, u), REFERENCE).value < 1e-9
     # The energy of one material would be another: the inclusion counts.
     whole = body_of(mixed, Strain.GREEN).energy(REFERENCE.displacement)
     assert abs(whole / body_of(CASE, Strain.GREEN).energy(REFERENCE.displacement) - 1.0) > 0.1
@@ -299,10 +299,10 @@ def test_a_body_whose_rest_volume_differs_leaves_its_change_of_volume_open() -> 
     own, u = same_on_finer()
     # A hundredth longer: so is the volume, and the change of it cannot be known any better.
     longer = TetMesh(own.points * [1.01, 1.0, 1.0], own.cells)
-    found = measure("volume", CASE, answer(longer, u), REFERENCE)
+    found = measure("volume", CASE, solution(longer, u), REFERENCE)
     change = abs(REFERENCE.volume / CASE.mesh.volume - 1.0)
     assert change > 0.01
-    candidate = answer(longer, u)
+    candidate = solution(longer, u)
     moved = abs(candidate.volume - CASE.mesh.volume) / abs(REFERENCE.volume - CASE.mesh.volume)
     assert found.uncertainty == pytest.approx(0.01 * moved, rel=1e-6)
 
@@ -316,7 +316,7 @@ def test_garbage_at_one_time_of_a_motion_fails_its_trajectory() -> None:
 
     def found(states: Field) -> Difference:
         candidate = dataclasses.replace(
-            answer(own, states[-1]),
+            solution(own, states[-1]),
             trajectory=Trajectory(times, theirs),
             sent=Trajectory(times, theirs),
             own=OwnMesh(own, states),
@@ -338,7 +338,7 @@ def test_numbers_that_overflow_on_the_own_mesh_never_pass(metric: str, value: fl
     u = u.copy()
     u[-1, 1] = value
     candidate = dataclasses.replace(
-        answer(*same_on_finer()), own=OwnMesh(own, u[None]), volume=np.inf, surface_area=np.inf
+        solution(*same_on_finer()), own=OwnMesh(own, u[None]), volume=np.inf, surface_area=np.inf
     )
     assert judged(metric, candidate, 0.1) is Verdict.FAILED
 

@@ -41,7 +41,7 @@ def bar(bricks, length, youngs_modulus=1000.0):
     return problem, make_state(mesh, field, label="", simulator="", strain=Strain.GREEN)
 
 
-def test_a_slender_body_answers_rounding_with_more_than_a_stout_one():
+def test_a_slender_body_amplifies_rounding_more_than_a_stout_one():
     """Tips of bars of the same relative deflection: noise of curvature adds up along the bar."""
     limits = [
         SinglePrecision(p).limit("max_displacement", s) for p, s in (bar(4, 4.0), bar(32, 32.0))

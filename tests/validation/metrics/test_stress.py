@@ -1,4 +1,4 @@
-"""Stress in a part of the body, and forces through supports and cuts, by answers that are known."""
+"""Stress in a part of the body, and forces through supports and cuts, by known solutions."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def turn(angle: float) -> Field:
 
 @BOTH
 def test_a_body_turned_as_a_whole_has_the_right_stress(
-    problem: Problem, answer: Field, element: Element
+    problem: Problem, solution: Field, element: Element
 ) -> None:
-    right = state_of(problem, answer, element=element)
+    right = state_of(problem, solution, element=element)
     R = turn(1.1)
-    moved = (problem.mesh.points + answer) @ R.T - problem.mesh.points
+    moved = (problem.mesh.points + solution) @ R.T - problem.mesh.points
     turned = state_of(problem, moved, element=element)
     found = measure("stress_l2", problem, turned, right, cells_of(problem))
     assert found.value <= 1e-12
@@ -69,16 +69,18 @@ def test_a_body_turned_as_a_whole_has_the_right_stress(
     assert measure("stress_l2", problem, there, right, cells_of(problem)).value > 0.5
 
 
-def test_stress_ten_per_cent_too_large_is_ten_per_cent_off(problem: Problem, answer: Field) -> None:
-    right = state_of(problem, answer, Strain.LINEAR)
-    more = state_of(problem, 1.1 * answer, Strain.LINEAR)
+def test_stress_ten_per_cent_too_large_is_ten_per_cent_off(
+    problem: Problem, solution: Field
+) -> None:
+    right = state_of(problem, solution, Strain.LINEAR)
+    more = state_of(problem, 1.1 * solution, Strain.LINEAR)
     for part in (cells_of(problem), cells_of(problem, right_of=1.0)):
         found = measure("stress_l2", problem, more, right, part)
         assert found.value == pytest.approx(0.1, rel=1e-9)
         assert found.uncertainty == 0.0
 
 
-def test_a_norm_of_two_cells_is_the_sum_by_volume(problem: Problem, answer: Field) -> None:
+def test_a_norm_of_two_cells_is_the_sum_by_volume(problem: Problem, solution: Field) -> None:
     """Of two cells by hand, with all of nine components."""
     rng = np.random.default_rng(1)
     mesh = problem.mesh
@@ -88,7 +90,7 @@ def test_a_norm_of_two_cells_is_the_sum_by_volume(problem: Problem, answer: Fiel
     other[3, 0, 1] += 0.5
     other[3, 1, 0] += 0.5
     right, wrong = (
-        state_of(problem, 1e-9 * answer, Strain.LINEAR, sent_stress=s) for s in (sigma, other)
+        state_of(problem, 1e-9 * solution, Strain.LINEAR, sent_stress=s) for s in (sigma, other)
     )
     part = Part(np.array([3, 7], np.int32), np.zeros_like(mesh.points))
     v = signed_volumes(mesh.points, mesh.cells)[[3, 7]]
@@ -117,18 +119,18 @@ def test_the_judges_own_stress_is_that_of_fastsim(problem: Problem, element: Ele
 
 
 def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
-    problem: Problem, answer: Field
+    problem: Problem, solution: Field
 ) -> None:
-    right = state_of(problem, answer)
+    right = state_of(problem, solution)
     found = run_fastsim(problem, Strain.GREEN, lambda _line: None)
     assert found.stresses is not None
     sent = found.stresses.second_piola_kirchhoff
-    wrong = state_of(problem, answer, sent_stress=sent)
+    wrong = state_of(problem, solution, sent_stress=sent)
     assert measure("stress_l2", problem, wrong, right, cells_of(problem)).value > 0.05
     sigma = found.stresses.cauchy
-    F = np.eye(3) + body_of(problem, Strain.GREEN).gradient(answer)
+    F = np.eye(3) + body_of(problem, Strain.GREEN).gradient(solution)
     deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
-    for slip, words in (
+    for reported_stress, words in (
         (sent, "second Piola-Kirchhoff stress"),
         (-sigma, "compression positive"),
         (sigma / 1000.0, "in kPa"),
@@ -141,7 +143,7 @@ def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
         reported = measure(
             "stress_l2",
             problem,
-            state_of(problem, answer, sent_stress=slip),
+            state_of(problem, solution, sent_stress=reported_stress),
             right,
             cells_of(problem),
         )
@@ -149,7 +151,7 @@ def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
         assert bool(words) == bool(reported.remark)
     broken = sent.copy()
     broken[5] = math.nan
-    unusable = state_of(problem, answer, sent_stress=broken)
+    unusable = state_of(problem, solution, sent_stress=broken)
     assert measure("stress_l2", problem, unusable, right, cells_of(problem)).value == math.inf
 
 
@@ -166,7 +168,7 @@ def test_a_support_carries_the_loads_and_a_cut_what_lies_beyond(element: Element
     u = solve_static(problem, element=element).displacement
     right = state_of(problem, u, element=element)
     still = dataclasses.replace(state_of(problem, 0.0 * u), element=element)
-    # 27 N of weight; an answer without stress misses all but what lies on the held points.
+    # 27 N of weight; a solution without stress misses all but what lies on the held points.
     volumes = signed_volumes(mesh.points, mesh.cells)
     is_free = mesh.points[mesh.cells][:, :, 0] > 1e-9
     carried = 9.0 * (volumes * is_free.mean(axis=1)).sum()
@@ -212,11 +214,11 @@ def test_where_no_load_has_a_force_the_limit_is_in_newtons() -> None:
 
 @BOTH
 def test_the_reference_itself_on_a_finer_mesh_is_met_exactly(
-    problem: Problem, answer: Field, element: Element
+    problem: Problem, solution: Field, element: Element
 ) -> None:
     own = refine_uniformly(problem.mesh)
-    u = locate_points(problem.mesh, own).read(problem.mesh.cells, answer)
-    right = state_of(problem, answer)
+    u = locate_points(problem.mesh, own).read(problem.mesh.cells, solution)
+    right = state_of(problem, solution)
     mine = with_own_mesh(right, problem.mesh, OwnMesh(own, u[None]))
     for metric, part in (
         ("stress_l2", cells_of(problem)),
@@ -226,7 +228,7 @@ def test_the_reference_itself_on_a_finer_mesh_is_met_exactly(
         found = measure(metric, problem, mine, right, part)
         assert found.value <= 1e-12
         assert found.uncertainty <= 1e-12
-    # With smoothed strains it is another answer, and the doubt is not all of the difference.
+    # With smoothed strains it is another solution, and the doubt is not all of the difference.
     smoothed = dataclasses.replace(mine, element=element)
     found = measure("stress_l2", problem, smoothed, right, cells_of(problem))
     assert (found.value > 0.05) == (element is Element.SMOOTHED)
@@ -273,7 +275,7 @@ def test_means_of_a_refined_mesh_are_means_of_the_cells_they_came_from() -> None
     assert np.abs(mean_over_parents(volumes) - expected).max() <= 1e-15
 
 
-def test_a_metric_of_a_part_says_that_it_needs_one(problem: Problem, answer: Field) -> None:
-    state = state_of(problem, answer)
+def test_a_metric_of_a_part_says_that_it_needs_one(problem: Problem, solution: Field) -> None:
+    state = state_of(problem, solution)
     with pytest.raises(InputError, match="say which"):
         measure("stress_l2", problem, state, state)

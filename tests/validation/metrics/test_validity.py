@@ -68,17 +68,17 @@ def moving(name: str, num_outputs: int) -> Problem:
 def sent(
     problem: Problem,
     num_sent: int,
-    spoil: Callable[[Field, Field], None] | None = None,
+    perturb: Callable[[Field, Field], None] | None = None,
 ) -> State:
-    """fastsim's own motion sent at another rate; `spoil` may change what is between outputs."""
+    """fastsim's own motion sent at another rate; `perturb` may change what is between outputs."""
     assert problem.time is not None
     span = dataclasses.replace(problem.time, num_outputs=num_sent)
     found = simulate(dataclasses.replace(problem, time=span))
     times, states = found.times, found.displacements.copy()
     wanted = np.linspace(0.0, span.end_time, problem.time.num_outputs + 1)
     apart = np.abs(times[:, None] - wanted).min(axis=1)
-    if spoil is not None:
-        spoil(states, np.flatnonzero(apart > 1e-9))
+    if perturb is not None:
+        perturb(states, np.flatnonzero(apart > 1e-9))
     read = read_at(times, states, wanted, slack=1e-9)
     state = made_state(MESH, states[-1], trajectory=Trajectory(wanted, read.states))
     return dataclasses.replace(state, sent=Trajectory(times, states))
@@ -92,8 +92,8 @@ def test_an_honest_motion_is_within_reach_at_every_rate(name: str, num_outputs: 
         assert state_out_of_reach(problem, sent(problem, num_sent)) == "", num_sent
 
 
-def spoiled(kind: str) -> Callable[[Field, Field], None]:
-    def spoil(states: Field, between: Field) -> None:
+def perturbed(kind: str) -> Callable[[Field, Field], None]:
+    def perturb(states: Field, between: Field) -> None:
         match kind:
             case "last state":
                 states[between] = states[-1]
@@ -103,7 +103,7 @@ def spoiled(kind: str) -> Callable[[Field, Field], None]:
                 k = between[np.abs(states[between]).max(axis=(1, 2)).argmax()]
                 states[k] *= -1.0
 
-    return spoil
+    return perturb
 
 
 @pytest.mark.parametrize("kind", ["last state", "still", "one of them turned round"])
@@ -111,7 +111,7 @@ def spoiled(kind: str) -> Callable[[Field, Field], None]:
 def test_garbage_between_the_outputs_is_out_of_reach(name: str, kind: str) -> None:
     problem = moving(name, 50)
     for num_sent in (100, 250):
-        reported = state_out_of_reach(problem, sent(problem, num_sent, spoiled(kind)))
+        reported = state_out_of_reach(problem, sent(problem, num_sent, perturbed(kind)))
         assert "out of the body's reach" in reported
 
 
@@ -182,10 +182,10 @@ def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:
     assert unmeasurable_state(good) == ""
     for number in (math.nan, 1e308):
 
-        def spoil(states: Field, _between: Field, number: float = number) -> None:
+        def perturb(states: Field, _between: Field, number: float = number) -> None:
             states[31, 3, 1] = number
 
-        reported = unmeasurable_state(sent(problem, 100, spoil))
+        reported = unmeasurable_state(sent(problem, 100, perturb))
         assert reported.startswith("its state at 0.155 s")
 
 

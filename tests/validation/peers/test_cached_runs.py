@@ -250,7 +250,7 @@ def test_a_package_that_is_linked_to_sources_elsewhere_is_not_known(
     assert maker_of(ADAPTED.model_copy(update={"packages": ("not-there",)})) is None
 
 
-def spoil_numbers(file: Path) -> None:
+def perturb_numbers(file: Path) -> None:
     with np.load(file.with_suffix(".npz")) as stored:
         arrays = dict(stored)
     np.savez_compressed(
@@ -258,11 +258,11 @@ def spoil_numbers(file: Path) -> None:
     )
 
 
-def spoil_status(file: Path) -> None:
+def perturb_status(file: Path) -> None:
     file.write_text(file.read_text("utf-8").replace('"answered"', '"failed"'), "utf-8")
 
 
-def spoil_maker(file: Path) -> None:
+def perturb_maker(file: Path) -> None:
     document = json.loads(file.read_text("utf-8"))
     document["made_by"]["palpate"] = "what is here now"
     file.write_text(json.dumps(document), "utf-8")
@@ -277,14 +277,14 @@ def cut_off(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "spoil", [spoil_numbers, spoil_status, spoil_maker, remove_numbers, cut_off]
+    "perturb", [perturb_numbers, perturb_status, perturb_maker, remove_numbers, cut_off]
 )
 def test_a_cached_run_whose_content_has_not_its_hash_is_run_again(
-    bench: Bench, spoil: Callable[[Path], None]
+    bench: Bench, perturb: Callable[[Path], None]
 ) -> None:
     assert bench.runs(ADAPTED) == 1
     (file,) = bench.cache.glob("adapted-*.json")
-    spoil(file)
+    perturb(file)
     assert bench.distance(ADAPTED) < 1e-6
     assert bench.calls.read_text() == "x"
     assert any("made again; the cached result" in line for line in bench.lines)

@@ -155,7 +155,7 @@ def test_two_installs_at_once_are_one_after_the_other():
 
 @pytest.mark.usefixtures("peer")
 def test_what_pip_prints_reaches_neither_terminal_nor_page(tmp_path, monkeypatch, index, capfd):
-    # An index that answers nobody, whose name is a secret; pip names it in its warnings.
+    # An index that does not exist, whose name is a secret; pip names it in its warnings.
     secret = "user:secret@no-such-index.invalid"
     monkeypatch.delenv("PIP_NO_INDEX")
     monkeypatch.setenv("PIP_INDEX_URL", f"https://{secret}/simple")

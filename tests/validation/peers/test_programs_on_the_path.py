@@ -98,7 +98,7 @@ SPOILED = [
 
 @pytest.mark.parametrize(("name", "old", "new", "what"), SPOILED, ids=[s[-1] for s in SPOILED])
 @pytest.mark.usefixtures("path")
-def test_a_spoiled_adapter_is_found(tmp_path, name, old, new, what):
+def test_a_perturbed_adapter_is_found(tmp_path, name, old, new, what):
     for file in ("harness.py", f"{name}.py"):
         shutil.copy(FOLDER / file, tmp_path)
     script = tmp_path / f"{name}.py"
@@ -111,21 +111,21 @@ def test_a_spoiled_adapter_is_found(tmp_path, name, old, new, what):
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("name", PROGRAMS)
-@pytest.mark.parametrize("is_spoiled", [False, True])
+@pytest.mark.parametrize("is_perturbed", [False, True])
 @pytest.mark.usefixtures("path")
-def test_from_the_gate_to_the_verdict(tmp_path, palpate_run, name, is_spoiled):
+def test_from_the_gate_to_the_verdict(tmp_path, palpate_run, name, is_perturbed):
     script = FOLDER / f"{name}.py"
-    if is_spoiled:
+    if is_perturbed:
         shutil.copy(FOLDER / "harness.py", tmp_path)
         text = script.read_text("utf-8")
         script = tmp_path / script.name
-        spoiled = text.replace("<v>{nu!r}", "<v>{0.9 * nu!r}")
-        spoiled = spoiled.replace("{mu!r} {lmbda!r}", "{mu!r} {0.7 * lmbda!r}")
-        script.write_text(spoiled, encoding="utf-8")
+        perturbed = text.replace("<v>{nu!r}", "<v>{0.9 * nu!r}")
+        perturbed = perturbed.replace("{mu!r} {lmbda!r}", "{mu!r} {0.7 * lmbda!r}")
+        script.write_text(perturbed, encoding="utf-8")
     command = f"{sys.executable} {script} {{case}} {{result}}"
     done = palpate_run("gate", "stretch", "--simulator", command)
-    assert done.returncode == (1 if is_spoiled else 0), done.stdout + done.stderr
-    assert ("Poisson's ratio" in done.stdout) == is_spoiled
+    assert done.returncode == (1 if is_perturbed else 0), done.stdout + done.stderr
+    assert ("Poisson's ratio" in done.stdout) == is_perturbed
 
 
 @pytest.mark.usefixtures("path")

@@ -99,6 +99,7 @@ def test_near_incompressibility_the_mixed_form_is_taken_by_itself():
 
 @pytest.mark.dolfinx
 @pytest.mark.long
+@pytest.mark.nightly
 def test_a_stored_truth_has_its_bars_and_their_record(write_case):
     case = load_case(str(write_case()))
     request = TruthRequest(0.1, 120.0, 4.0, {Strain.GREEN: {"displacement_l2", "volume"}})

@@ -196,6 +196,7 @@ def test_linear_buckling_of_the_case_is_eulers():
 
 
 @pytest.mark.dolfinx
+@pytest.mark.nightly
 def test_the_load_over_the_critical_one_is_eulers():
     found = find_equilibrium(column(0.5), strain=GREEN, degree=2)
     least, share = find_stability(found)

@@ -99,7 +99,7 @@ def test_a_check_that_has_no_bar_for_it_says_so(block, record, reason):
 
 
 @pytest.mark.dolfinx
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_area_of_cooks_membrane_under_a_large_load_has_no_bar():
     """At 1.7 times this load the next mesh has no equilibrium: "a cell would invert"."""
     mesh = brick_box((4, 4, 1), (1.0, 1.0, 8.0))

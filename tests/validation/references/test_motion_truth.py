@@ -132,6 +132,7 @@ def test_a_candidate_that_does_not_swing_has_failed() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.nightly
 def test_a_candidate_with_steps_of_its_own_is_judged_by_the_truth(tmp_path: Path) -> None:
     case = load_case("decay")
     span = case.problem.time
@@ -291,7 +292,7 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
 
 
 @pytest.mark.dolfinx
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_bar_of_a_live_truth_holds_what_finer_steps_and_cells_find() -> None:
     case = load_case("block-motion")
     span = TimeSpan(0.1, None, 4.0, 20)
@@ -323,7 +324,7 @@ def test_this_version_finds_the_stored_twin(name: str) -> None:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_this_version_finds_the_stored_truth() -> None:
     """The meshes by the whole motion, the states by its first tenth."""
     case, quiet = load_case("block-motion"), lambda _line: None

@@ -104,8 +104,8 @@ def test_the_result_says_that_there_is_no_equilibrium_to_compare_with(
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
+@pytest.mark.nightly
 def test_a_crushed_block_costs_one_search_for_the_limit(write_case: WriteCase) -> None:
     """Free compression to P/E = -0.6, three times the limit of 0.19245: both strains, P1 and P2."""
     case = load_case(str(write_case(("force = [60.0, 20.0, -10.0]", "force = [-600.0, 0.0, 0.0]"))))

@@ -51,7 +51,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """A scoreboard of who answers that nothing moves, who crashes and who refuses, on a case."""
+    """A scoreboard of simulators that report no motion, crash and refuse, on a case."""
     folder = tmp_path_factory.mktemp("board")
     still = folder / "still.py"
     still.write_text(

@@ -65,7 +65,7 @@ def test_the_verdict(errors: dict[tuple[float, int], float], verdict: Verdict, w
     assert words in finding.found
 
 
-def test_no_answer_is_a_failure_and_stands_in_the_table() -> None:
+def test_no_solution_is_a_failure_and_stands_in_the_table() -> None:
     lost = [Trial(4, 1e-3, trouble="it blew up")]
     assert judge(lost, 0.01).verdict is Verdict.FAILED
     assert "it blew up" in judge(lost, 0.01).found

@@ -78,7 +78,7 @@ def test_good_rows_pass() -> None:
         (meshing.UNCLEANED, {"critical_time_step": 4e-4}, 3),
     ],
 )
-def test_a_spoiled_row_fails_its_own_claim(
+def test_a_perturbed_row_fails_its_own_claim(
     name: str, changes: dict[str, float], failed: int
 ) -> None:
     verdicts = [f.verdict for f in meshing.judge(_made(**{name: changes}))]

@@ -36,7 +36,7 @@ TRUTH = StoredTruth(2.0, 0.01)
 
 @pytest.fixture
 def block(write_case: WriteCase) -> Problem:
-    """Loads of a hundredth: the block answers almost linearly."""
+    """Loads of a hundredth: the block responds almost linearly."""
     case = write_case(("[60.0, 20.0, -10.0]", "[0.6, 0.2, -0.1]"))
     return load_case(str(case)).problem
 

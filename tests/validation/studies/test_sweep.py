@@ -147,7 +147,7 @@ def test_another_mesh_is_made_where_the_body_varies(write_case: Callable[..., Pa
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
-def test_an_answer_of_a_sweep_is_that_of_the_case_alone(
+def test_a_solution_of_a_sweep_is_that_of_the_case_alone(
     write_case: Callable[..., Path], jobs: int
 ) -> None:
     case = load_case(write_case())
@@ -301,7 +301,7 @@ def test_a_sweep_leaves_a_table_vector_figures_and_a_page(
 
 
 @pytest.mark.long
-def test_each_element_answers_as_the_case_alone_and_is_named(
+def test_each_element_gives_the_solution_of_the_case_alone_and_is_named(
     tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
     folder, case = tmp_path / "out", write_case()
@@ -332,7 +332,7 @@ def test_each_element_answers_as_the_case_alone_and_is_named(
     assert {r["element"] for r in rows_of(smoothed)} == {"smoothed"}
 
 
-def test_nothing_is_left_by_a_bad_key_and_no_answer_is_none(
+def test_nothing_is_left_by_a_bad_key_and_no_solution_is_none(
     tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
     case = write_case(('[[check]]\nmetric = "displacement_l2"', '[[check]]\nmetric = "volume"'))
