@@ -45,13 +45,11 @@ def _has_dolfinx() -> bool:
 @pytest.hookimpl(tryfirst=True)  # before -m chooses by markers
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip, visibly, what needs FEniCSx where there is none; mark what runs `once`."""
-    judge = ROOT / "tests" / "validation"
     for item in items:
-        needs_fenicsx = item.get_closest_marker("dolfinx")
-        is_long = item.get_closest_marker("long") and item.path.is_relative_to(judge)
-        if not needs_fenicsx or item.get_closest_marker("slow") or is_long:
+        marks = {mark.name for mark in item.iter_markers()}
+        if "dolfinx" not in marks or marks & {"long", "slow"}:
             item.add_marker(pytest.mark.once)
-        if needs_fenicsx and not _has_dolfinx():
+        if "dolfinx" in marks and not _has_dolfinx():
             item.add_marker(pytest.mark.skip(reason="FEniCSx (dolfinx) is not installed"))
 
 

@@ -16,10 +16,7 @@ from _pytest.mark.expression import Expression
 ROOT = Path(__file__).parent.parent
 CI = ROOT / ".ci"
 
-pytestmark = [
-    pytest.mark.once,
-    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc"),
-]
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 
 
 def run(script: str, folder: Path) -> tuple[int, str]:

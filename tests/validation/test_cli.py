@@ -322,7 +322,6 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
 def test_report_of_ones_own_surface_from_another_folder(
     palpate_run: Run, tmp_path: Path, write_case: Write

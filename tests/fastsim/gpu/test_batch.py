@@ -18,7 +18,6 @@ from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
 
 pytest.importorskip("warp", reason="the extra `gpu` is not installed")
-pytestmark = pytest.mark.once
 # `PALPATE_TEST_DEVICE=cuda:0` runs these on a GPU.
 WARP = os.environ.get("PALPATE_TEST_DEVICE", "warp:cpu")
 

@@ -36,7 +36,6 @@ from palpate.meshes.rigid_tool import (
 from palpate.meshes.tet_mesh import TetMesh
 
 pytest.importorskip("warp", reason="the extra `gpu` is not installed")
-pytestmark = pytest.mark.once
 
 MakeBox = Callable[..., TetMesh]
 # `PALPATE_TEST_DEVICE=cuda:0` runs these on a GPU.

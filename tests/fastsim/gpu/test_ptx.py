@@ -23,7 +23,6 @@ from palpate.fastsim.gpu.kernels.kit import IN_DOUBLE, TOPICS
 from palpate.fastsim.gpu.launches import kernels_of
 
 pytest.importorskip("warp", reason="the extra `gpu` is not installed")
-pytestmark = pytest.mark.once
 KERNELS = {
     "elasticity": {"force_cells"},
     "smoothing": {"strain_cells", "smooth_edges", "smooth_nodes", "force_smoothed_cells"},

@@ -22,6 +22,7 @@ from palpate.validation.peers import adapters
 from palpate.validation.states import CandidateFailedError
 
 NUMPY_DENSE = Path(adapters.__file__).parent / "numpy_dense.py"
+Run = Callable[..., subprocess.CompletedProcess[str]]
 HEAD = "import sys, json, os, time, numpy as np\ncase, result = sys.argv[1:3]\n"
 
 
@@ -117,13 +118,6 @@ def test_a_program_that_is_not_there_is_an_input_error(problem: Problem) -> None
         outside_candidate(simulator).solve(problem, Strain.GREEN, say_nothing)
 
 
-def palpate(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "palpate.validation.cli", *arguments],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-
-
 def verdicts_in(document: Path) -> dict[str, set[str]]:
     """Of the checks of one judged case, by what they are held against."""
     found: dict[str, set[str]] = {}
@@ -133,10 +127,10 @@ def verdicts_in(document: Path) -> dict[str, set[str]]:
 
 
 @pytest.mark.long
-def test_compare_on_the_command_line(tmp_path: Path) -> None:
+def test_compare_on_the_command_line(palpate_run: Run, tmp_path: Path) -> None:
     solved = tmp_path / "r.vtu"
-    assert palpate("solve", "kidney", "-o", str(solved)).returncode == 0
-    done = palpate("compare", "kidney", str(solved), "--json", str(tmp_path / "r.json"))
+    assert palpate_run("solve", "kidney", "-o", str(solved)).returncode == 0
+    done = palpate_run("compare", "kidney", str(solved), "--json", str(tmp_path / "r.json"))
     # Linear tetrahedra are right on their mesh, and too far from the truth.
     assert done.returncode == 1, done.stdout + done.stderr
     # The case has checks of linear strain too: this result has none.
@@ -147,11 +141,13 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     for factor, name in ((1000.0, "unit"), (np.nan, "nan"), (0.98, "soft")):
         np.savez(tmp_path / f"{name}.npz", displacement=factor * fields["displacement"])
         perturbed = tmp_path / f"{name}.json"
-        done = palpate("compare", "kidney", str(tmp_path / f"{name}.npz"), "--json", str(perturbed))
+        done = palpate_run(
+            "compare", "kidney", str(tmp_path / f"{name}.npz"), "--json", str(perturbed)
+        )
         assert done.returncode == 1, done.stdout + done.stderr
         assert verdicts_in(perturbed)["same_mesh"] >= {"failed"}
     np.savez(tmp_path / "short.npz", displacement=points[:7])
-    done = palpate("compare", "kidney", str(tmp_path / "short.npz"))
+    done = palpate_run("compare", "kidney", str(tmp_path / "short.npz"))
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     verdicts = verdicts_in(tmp_path / "r.json")
@@ -159,15 +155,15 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     assert verdicts["same_mesh"] == {"passed", "skipped"}
 
 
-def test_a_case_is_exported_on_the_command_line(tmp_path: Path) -> None:
-    assert palpate("export", "kidney", "-o", str(tmp_path / "c")).returncode == 0
+def test_a_case_is_exported_on_the_command_line(palpate_run: Run, tmp_path: Path) -> None:
+    assert palpate_run("export", "kidney", "-o", str(tmp_path / "c")).returncode == 0
     assert json.loads((tmp_path / "c" / "case.json").read_text("utf-8"))["name"] == "kidney"
 
 
-def test_the_gate_judges_a_program(tmp_path: Path) -> None:
+def test_the_gate_judges_a_program(palpate_run: Run, tmp_path: Path) -> None:
     sim = tmp_path / "mysim.py"
     sim.write_text(HEAD + "sys.exit('diverged')", encoding="utf-8")
-    done = palpate(
+    done = palpate_run(
         "gate", "kidney", "--simulator", f"{sys.executable} {sim} {{case}} {{result}}",
         "--time-limit", "20",
     )  # fmt: skip

@@ -164,7 +164,6 @@ def test_a_device_has_rows_beside_the_core_with_its_bytes() -> None:
         run_benchmark("delaunay", device="warp:cpu")
 
 
-@pytest.mark.once
 def test_what_a_step_moves_is_counted_from_its_arrays() -> None:
     pytest.importorskip("warp", reason="the extra `gpu` is not installed")
     from palpate.validation.peers.adapters.ours import bytes_per_step, copy_bandwidth, paper_rate

@@ -153,7 +153,6 @@ def test_a_coarse_cylinder_swings_tens_of_per_cent_too_far_and_too_slowly(swingi
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
 def test_a_coarse_ball_feels_a_plane_a_quarter_too_late(case_of):
     """An eighth of a ball on its symmetry planes; the plane's place is given in space.

@@ -103,7 +103,6 @@ def judged(tmp_path_factory):
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
 def test_planes_are_pulled_by_the_hole_of_the_true_sphere(judged):
     """By balance alone, on any mesh: p times the hole in the plane, of the arc or of the chords."""

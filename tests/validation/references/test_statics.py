@@ -163,8 +163,8 @@ def test_a_budget_of_no_unknowns_is_refused() -> None:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
+@pytest.mark.nightly
 def test_on_a_slender_bar_the_bar_is_small_and_holds_the_error() -> None:
     """P1 and P2 are 97 % apart there; the stored truth is known to 0.003 %."""
     case = load_case("sze")

@@ -173,8 +173,8 @@ def test_a_part_that_was_not_asked_for_has_no_bar() -> None:
 
 
 @PARTS
-@pytest.mark.once
 @pytest.mark.long
+@pytest.mark.nightly
 def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, name: str) -> None:
     part = parts()[name]
     live = on_the_spot()

@@ -190,7 +190,6 @@ def test_the_largest_displacement_of_two_bodies_may_agree_by_chance() -> None:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
 def test_without_its_geometry_part_a_bar_covers_no_round_body() -> None:
     (known,) = (k for k in known_problems() if k.name == "inflated-04")

@@ -352,7 +352,6 @@ def test_what_is_nearly_the_same_on_the_spot_is_solved_once(monkeypatch) -> None
 
 
 @pytest.mark.dolfinx
-@pytest.mark.once
 @pytest.mark.long
 def test_some_problems_keep_their_word() -> None:
     chosen = [p for p in known_problems() if p.name in QUICK]
