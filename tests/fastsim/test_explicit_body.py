@@ -137,7 +137,9 @@ def test_energy_from_nothing_stops_a_run_with_too_long_a_step(
     assert f"{0.8 * error.critical_time_step:.3g} s" in str(error)
 
 
-def test_a_body_that_stiffens_beyond_its_step_is_told_a_shorter_one(ragged_box: TetMesh) -> None:
+def test_a_body_that_stiffens_beyond_its_step_is_informed_of_a_shorter_one(
+    ragged_box: TetMesh,
+) -> None:
     """A step just stable at rest is too long for a body pulled to one and a half its length."""
     sharp = Body(ragged_box, SOFT).critical_time_step()
     span = TimeSpan(20.0, 0.99 * sharp, 1.0, 100)

@@ -120,7 +120,7 @@ def test_the_door_and_the_command_line_solve_a_motion_by_the_reference_alike(
         np.testing.assert_array_equal(stored["displacement"], state.trajectory.displacements)
 
 
-def test_a_word_that_is_not_known_is_told_with_those_that_are() -> None:
+def test_a_word_that_is_not_known_is_reported_with_those_that_are() -> None:
     problem = palpate.load_case("block").problem
     with pytest.raises(
         palpate.InputError, match="with_ = 'fenics': use one of fastsim, condensed, reference"

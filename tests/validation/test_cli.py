@@ -119,7 +119,7 @@ def test_mesh_keeps_to_a_time_and_says_what_decides_the_step(
     assert "forces at most" in done.stdout
 
 
-def test_mesh_tells_what_it_finds_and_mends_on_request(palpate_run: Run, tmp_path: Path) -> None:
+def test_mesh_shows_what_it_finds_and_repairs_on_request(palpate_run: Run, tmp_path: Path) -> None:
     kidney = shape_kidney(edge_length=12e-3)
     write_surface(tmp_path / "torn.off", TriSurface(kidney.points, kidney.facets[3:, ::-1]))
     command = ("mesh", "torn.off", "-o", "k.vtu", "--unit", "m")
@@ -209,7 +209,7 @@ def test_mesh_graded_towards_a_point(palpate_run: Run, tmp_path: Path) -> None:
         assert "needs" in refused.stderr or "go together" in refused.stderr
 
 
-def test_the_version_is_told(palpate_run: Run) -> None:
+def test_the_version_is_reported(palpate_run: Run) -> None:
     done = palpate_run("--version")
     assert done.returncode == 0
     first, core, python, fenicsx, *extras = done.stdout.splitlines()
@@ -235,7 +235,7 @@ def test_help_ends_with_the_exit_codes(palpate_run: Run) -> None:
     assert reported[1 : 1 + len(ExitCode)] == [f"{int(code)} {code.meaning}" for code in ExitCode]
 
 
-def test_a_mistyped_fault_is_told_the_one_that_was_meant(palpate_run: Run) -> None:
+def test_for_a_mistyped_fault_the_one_that_was_meant_is_named(palpate_run: Run) -> None:
     done = palpate_run("gate", "block", "--fault", "softr")
     assert done.returncode == 2
     assert "Value error" not in done.stderr

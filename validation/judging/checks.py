@@ -507,10 +507,10 @@ class CaseJudge:
 
         Only past the critical load that the reference found; whatever the candidate says of itself.
         """
-        share = load_over_critical(self._record(spec))
+        ratio = load_over_critical(self._record(spec))
         is_failed = found.verdict is Verdict.FAILED and found.value is not None
         reference = self._reference(spec)
-        if not (is_failed and share > 1.0 and spec.about.is_compared and candidate and reference):
+        if not (is_failed and ratio > 1.0 and spec.about.is_compared and candidate and reference):
             return found
         if reference not in self._images:
             self._images[reference] = tuple(mirror_images(self.problem, reference))
@@ -524,7 +524,7 @@ class CaseJudge:
         if not nearest or not errors[nearest] <= EXPLAINED * found.value:
             return found
         message = (
-            f"{found.message}; the load is {share:.3g} times the first critical one, so that the "
+            f"{found.message}; the load is {ratio:.3g} times the first critical one, so that the "
             f"reference is one of several equilibria: the result is {errors[nearest]:.2g} from its "
             f"{nearest}, which is as good; add a load or an imperfection that prefers one side"
         )

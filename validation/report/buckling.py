@@ -47,10 +47,10 @@ def load_over_critical(problem: Problem) -> float | None:
         and problem.mesh.num_points <= MOST_POINTS
         and free.size >= 20
     )
-    return _share(problem, supports, free) if is_asked else None
+    return _ratio_of(problem, supports, free) if is_asked else None
 
 
-def _share(problem: Problem, supports: FixedPoints, free: Any) -> float | None:
+def _ratio_of(problem: Problem, supports: FixedPoints, free: Any) -> float | None:
     from scipy.sparse import bsr_matrix, coo_matrix, identity, kron
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 

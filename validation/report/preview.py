@@ -345,13 +345,13 @@ def _costs(about: Description, problem: Problem, units: Units) -> None:
 
 def _buckling(about: Description, problem: Problem) -> None:
     """Report the load over the first critical one, where it is within a factor of ten of it."""
-    share = load_over_critical(problem)
-    if share is None or share < _WORTH_SAYING:
+    ratio = load_over_critical(problem)
+    if ratio is None or share < _WORTH_SAYING:
         return
-    about.say("buckling", f"{share:.2g} times its first critical load (linear, smoothed cells)")
-    if share > 1.0:
+    about.say("buckling", f"{ratio:.2g} times its first critical load (linear, smoothed cells)")
+    if ratio > 1.0:
         about.warnings.append(
-            f"the load is {share:.2g} times the first critical one (linear buckling): Green strain "
+            f"the load is {ratio:.2g} times the first critical one (linear buckling): Green strain "
             "has several equilibria, and two right solvers may find different ones; add a small "
             "load that prefers one side, or lower the load"
         )

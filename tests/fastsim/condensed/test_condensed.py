@@ -169,7 +169,7 @@ def test_the_compliance_is_kept_once_for_each_pair_and_in_single_precision_where
     assert 1e-10 < error < 1e-5
 
 
-def test_memory_is_told_before_any_is_taken() -> None:
+def test_memory_is_reported_before_any_is_taken() -> None:
     problem = body()
     size = condensed_size(problem)
     lines: list[str] = []

@@ -37,7 +37,7 @@ def make_problem() -> Problem:
     )
 
 
-def test_forces_and_the_held_region_are_the_same() -> None:
+def test_forces_and_the_fixed_region_are_the_same() -> None:
     problem = make_problem()
     graded = GradedMesh(problem.mesh)
     for k in range(6):

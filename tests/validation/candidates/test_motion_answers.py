@@ -176,7 +176,7 @@ def test_cells_of_an_own_mesh_are_looked_at_in_every_state(tmp_path: Path) -> No
     assert worst.time == times[between[4]]
 
 
-def test_an_end_that_was_not_sent_is_read_and_what_comes_later_is_told(tmp_path: Path) -> None:
+def test_an_end_that_was_not_sent_is_read_and_what_comes_later_is_reported(tmp_path: Path) -> None:
     times, states, _ = sent("block-motion", 2)
     later = np.append(times[:-1], [0.5 + 1e-3, 0.6])
     more = np.concatenate([states, states[-1:]])

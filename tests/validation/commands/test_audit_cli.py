@@ -72,7 +72,7 @@ def test_a_result_on_a_mesh_of_its_own_is_refused_with_its_numbers_of_points(
         palpate.audit("block", path, degree=degree)
 
 
-def test_degree_two_tells_the_error_of_the_mesh(solved, tmp_path, command_line):
+def test_degree_two_shows_the_error_of_the_mesh(solved, tmp_path, command_line):
     path, problem, _ = solved
     numbers, cells = tmp_path / "audit.json", tmp_path / "cells.vtu"
     assert command_line("audit", "block", path, "--json", numbers, "--cells", cells) == 0

@@ -241,7 +241,7 @@ def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, command_line, c
     assert command_line("gate", "block") == 2
 
 
-def test_changes_of_the_case_and_of_bars_are_told(folder):
+def test_changes_of_the_case_and_of_bars_are_reported(folder):
     case = build_anew()
     lines = describe_changes(accepted_path("beam"), pending_path("block"))
     assert lines[0] == "mesh, material, supports or loads have changed"

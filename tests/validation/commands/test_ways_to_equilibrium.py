@@ -48,7 +48,7 @@ def test_a_relaxation_that_finds_no_rest_is_a_failed_candidate() -> None:
         palpate.solve(dataclasses.replace(problem, material=jelly), method="relaxation")
 
 
-def test_relaxation_tells_the_forces_on_the_tools() -> None:
+def test_relaxation_shows_the_forces_on_the_tools() -> None:
     problem = palpate.load_case("press").problem
     with pytest.raises(palpate.InputError, match="at vertices only, so solve by Newton"):
         palpate.solve(problem, method="relaxation")

@@ -21,7 +21,7 @@ def verdicts(path):
     return {(c["metric"], c["strain"], c["against"]): c["verdict"] for c in case["checks"]}
 
 
-def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
+def test_it_is_compared_with_the_linear_reference_and_left_out_of_green_strain(
     command_line, tmp_path, capsys
 ):
     path = tmp_path / "r.json"
@@ -145,7 +145,7 @@ def test_a_sweep_has_it_beside_fastsim(command_line, tmp_path):
     assert [row["strain"] for row in mine] == ["linear", "linear"]
 
 
-def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(
+def test_the_audit_shows_its_error_against_green_strain_and_its_rotation(
     command_line, capsys, tmp_path
 ):
     arguments = ("audit", "block", "--with", "condensed", "--degree", "1")

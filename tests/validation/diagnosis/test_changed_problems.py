@@ -115,7 +115,7 @@ def test_a_traction_shared_equally_between_its_points(problem):
         ({}, "the stated equations are kept on this mesh"),
     ],
 )
-def test_a_law_or_modulus_in_the_place_of_neo_hookes(changes, name):
+def test_a_law_or_modulus_instead_of_neo_hookes(changes, name):
     problem = case_of("stretch").problem
     material = replace(problem.material, law=Law.NEO_HOOKEAN)
     asked = replace(problem, material=material, loads=(BodyForce((0.0, 9e3, -2e4)),))
@@ -144,7 +144,9 @@ def test_a_law_or_modulus_in_the_place_of_neo_hookes(changes, name):
         (0.702, 1.0, None),
     ],
 )
-def test_one_of_lames_parameters_is_named_and_told_from_its_neighbours(of_lmbda, of_mu, words):
+def test_one_of_lames_parameters_is_named_and_distinguished_from_its_neighbours(
+    of_lmbda, of_mu, words
+):
     problem = case_of("stretch").problem
     asked = replace(problem, loads=(BodyForce((0.0, 9e3, -2e4)),))
     E, nu = asked.material.youngs_modulus, asked.material.poissons_ratio
@@ -186,7 +188,7 @@ def test_lambda_without_forces_is_one_of_several():
         (0.911, "stiffness 0.911 times what was asked, or every load 1.09769 times what was asked"),
     ],
 )
-def test_a_factor_of_the_stiffness_is_named_and_told_from_its_neighbours(factor, words):
+def test_a_factor_of_the_stiffness_is_named_and_distinguished_from_its_neighbours(factor, words):
     problem = case_of("stretch").problem
     asked = replace(problem, loads=(BodyForce((0.0, 9e3, -2e4)), BodyForce((1e3, 0.0, 0.0))))
     modulus = factor * asked.material.youngs_modulus

@@ -196,7 +196,7 @@ def test_a_motion_of_too_many_steps_says_that_nothing_was_tried() -> None:
     assert str(diagnose(problem, answered, None)).startswith("nothing was tried. Too many steps")
 
 
-def test_times_that_run_too_fast_are_told_from_the_trajectory_alone() -> None:
+def test_times_that_run_too_fast_are_found_from_the_trajectory_alone() -> None:
     times = np.linspace(0.0, 1.0, 41)
     shape = np.random.default_rng(0).normal(size=(1, 30, 3))
     truth = np.sin(3.0 * times)[:, None, None] * shape

@@ -50,7 +50,7 @@ def gate(case: str, mistake: str, folder: Path) -> tuple[int, str, dict[str, Any
     ],
 )
 @pytest.mark.long
-def test_an_outside_program_is_told_what_it_did_wrong(
+def test_an_outside_program_is_informed_of_what_it_did_wrong(
     case: str, mistake: str, name: str, cause: str, tmp_path: Path
 ) -> None:
     code, output, found = gate(case, mistake, tmp_path)
@@ -67,7 +67,7 @@ def test_an_outside_program_is_told_what_it_did_wrong(
     )
 
 
-def test_an_outside_program_that_nothing_explains_is_told_so(tmp_path: Path) -> None:
+def test_an_outside_program_that_nothing_explains_gets_no_cause(tmp_path: Path) -> None:
     code, output, found = gate("block", "dropped-cell", tmp_path)
     assert code == 1
     (row,) = found["diagnosis"]

@@ -163,7 +163,7 @@ def test_the_command_ends_by_what_it_found(tmp_path):
     ("solves", "says"),
     [("asked", ""), ("neo-hookean-stable", "the stress is that of neo-hookean-stable")],
 )
-def test_a_simulators_law_is_told_by_where_its_cells_come_to_rest(tmp_path, solves, says):
+def test_a_simulators_law_is_known_by_where_its_cells_come_to_rest(tmp_path, solves, says):
     program = tmp_path / "simulator.py"
     program.write_text(SIMULATOR, encoding="utf-8")
     command = f"{sys.executable} {program} {{case}} {{result}} {solves}"

@@ -246,7 +246,7 @@ def test_single_precision_is_distinguished_from_a_mistake(
     assert "agrees to single precision" in str(diagnosis)
 
 
-def test_green_strain_in_the_place_of_linear_strain_is_named(solutions: Any) -> None:
+def test_green_strain_instead_of_linear_strain_is_named(solutions: Any) -> None:
     """The other way round, against the reference's linear solution."""
     problem = case_of("block").problem
     states = references_of("block").states

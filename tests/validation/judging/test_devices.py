@@ -94,7 +94,7 @@ def test_the_command_line_refuses_with_a_reason(words: list[str], tmp_path: Path
 
 
 @pytest.mark.parametrize(("fault", "code"), [("none", 0), ("softer", 1)])
-def test_a_device_is_held_against_the_core_without_a_reference(fault: str, code: int) -> None:
+def test_a_device_is_compared_with_the_core_without_a_reference(fault: str, code: int) -> None:
     words = ["gate", "block-motion", "--device", WARP, "--versus", "fastsim", "--fault", fault]
     assert CliRunner().invoke(app, [*words, "--limit", "trajectory_l2=1e-9"]).exit_code == code
 

@@ -236,7 +236,7 @@ def test_the_truths_numbers_have_the_bars_that_it_was_asked_for(tmp_path: Path, 
             assert found.verdict is Verdict.INCONCLUSIVE
 
 
-def test_a_files_truth_tells_the_energy(tmp_path: Path):
+def test_a_files_truth_shows_the_energy(tmp_path: Path):
     case = write(tmp_path, check(*forms(GREEN)[3], GREEN))
     truth = as_truth(case, solved(case.problem), TRUTH)
     given = ReferenceSet({(TRUTH, GREEN): truth}, {}, "made")

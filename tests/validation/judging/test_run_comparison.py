@@ -322,7 +322,7 @@ def test_what_is_no_results_file_is_an_input_error(tmp_path: Path, text: str) ->
         (0.02, 0.03, "published", "changed"),
     ],
 )
-def test_a_value_that_moves_is_told_by_how(tmp_path, before, now, against, expected):
+def test_the_change_of_a_value_is_reported(tmp_path, before, now, against, expected):
     def of(value):
         def change(case):
             case["checks"][0] |= {"value": value, "against": against}

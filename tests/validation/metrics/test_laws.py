@@ -58,7 +58,7 @@ def test_forces_and_energy_are_fastsims(law, element):
 
 
 @LAWS
-def test_the_audit_tells_an_equilibrium_of_the_law_from_that_of_another(law):
+def test_the_audit_distinguishes_an_equilibrium_of_the_law_from_that_of_another(law):
     problem = problem_of(law)
     u = solve_static(problem).displacement
     found = audit_on_own_mesh(problem, u, Strain.GREEN)

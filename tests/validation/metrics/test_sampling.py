@@ -86,7 +86,9 @@ def test_three_hertz_taken_for_ten_at_thirteen_samples_a_second_never_pass(name:
 
 
 @pytest.mark.parametrize("name", OSCILLATION)
-def test_a_candidate_sampled_too_coarsely_is_told_so_and_the_right_one_passes(name: str) -> None:
+def test_a_candidate_sampled_too_coarsely_is_inconclusive_and_the_right_one_passes(
+    name: str,
+) -> None:
     reference = swinging(10.0, 100.0)
     assert judged(name, swinging(10.0, 100.0), reference).verdict is Verdict.PASSED
     assert judged(name, swinging(10.0, 100.0, 200.0), reference).verdict is Verdict.PASSED
@@ -121,7 +123,7 @@ def test_samples_at_other_times_are_fitted_themselves_and_as_uncertain_as_their_
     assert swinging(3.0, 40.0, 57.3).other_reading is not None
 
 
-def test_a_published_frequency_is_not_told_by_an_alias() -> None:
+def test_a_published_frequency_is_not_known_by_an_alias() -> None:
     tip = int(np.argmax(MESH.points.sum(axis=1)))
     problem = problem_of(10.0)
 

@@ -82,7 +82,7 @@ def test_noise_and_a_second_mode_move_the_fit_little_and_show_in_the_misfit() ->
         (TIMES, cosine(frequency=0.4, damping=0.0), "periods"),
     ],
 )
-def test_what_tells_nothing_is_refused(times: object, values: object, message: str) -> None:
+def test_what_shows_nothing_is_refused(times: object, values: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fit_oscillation(times, values)  # type: ignore[arg-type]
 

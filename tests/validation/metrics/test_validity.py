@@ -176,7 +176,7 @@ def test_a_load_that_ramps_up_starts_from_nothing() -> None:
     assert validity._variation(Traction(TIP, (0.0, 1.0, 0.0)), 0.5) == (1.0, 0.0)
 
 
-def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:
+def test_a_number_that_cannot_be_measured_is_reported_with_its_time() -> None:
     problem = moving("pull", 50)
     good = sent(problem, 100)
     assert unmeasurable_state(good) == ""

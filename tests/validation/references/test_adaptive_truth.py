@@ -41,7 +41,7 @@ def test_the_bar_of_a_record_is_made_again():
         {**HALVING, "differences": [0.01]},
     ],
 )
-def test_a_record_that_tells_nothing_makes_an_infinite_bar(table):
+def test_a_record_that_shows_nothing_makes_an_infinite_bar(table):
     found = recorded_bars({"volume": table, "displacement_l2": HALVING})
     assert found == {"volume": math.inf, "displacement_l2": pytest.approx(SAFETY * 0.01)}
 

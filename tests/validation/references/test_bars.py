@@ -43,7 +43,7 @@ def test_nothing_stays_nothing_in_any_unit():
     assert BarParts(discretisation=math.inf).whole == math.inf
 
 
-def test_what_solving_leaves_is_told_from_what_meshes_leave():
+def test_what_solving_leaves_is_distinguished_from_what_meshes_leave():
     assert of_statics(0.01).whole == pytest.approx(0.01)
     assert of_statics(0.01).algebra == 1e-8
     assert of_statics(1e-9) == BarParts(algebra=1e-9)
@@ -53,7 +53,7 @@ def test_what_solving_leaves_is_told_from_what_meshes_leave():
     assert with_bar(BarParts(time=0.1), 0.1) == BarParts(time=0.1)
 
 
-def test_a_record_tells_the_same():
+def test_a_record_shows_the_same():
     parts = BarParts(discretisation=math.inf, time=0.1)
     (row,) = json.loads(json.dumps(as_record({PLACE: parts}))).values()
     assert read_row(row) == parts
@@ -98,7 +98,7 @@ def test_parts_that_contradict_their_bar_are_refused(block):
         assert PARTS in wrong[0]
 
 
-def test_parts_are_kept_in_the_file_and_told_in_the_verdict(block, tmp_path, monkeypatch):
+def test_parts_are_kept_in_the_file_and_reported_in_the_verdict(block, tmp_path, monkeypatch):
     case, references = block
     bar = references.bars[PLACE]
     parts = BarParts(discretisation=0.75 * bar, time=0.25 * bar, geometry=0.3)

@@ -144,7 +144,7 @@ def test_half_of_the_other_branch_is_none(write_case):
     assert found.verdict is Verdict.FAILED
 
 
-def test_the_reader_is_told_what_the_record_says():
+def test_the_reader_is_informed_of_what_the_record_says():
     record = {"load_over_critical": 1.3}
     (line,) = says_of_branches({ADAPTIVE: {"green": record}})
     assert "1.3 times the first critical one" in line

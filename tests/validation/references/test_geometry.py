@@ -186,7 +186,7 @@ def test_a_truth_stored_without_its_part_says_so(case_of):
     assert geometry_notes(case, without) == []
 
 
-def test_a_part_of_another_surface_is_told(case_of, sphere_file, tmp_path, monkeypatch):
+def test_a_part_of_another_surface_is_reported(case_of, sphere_file, tmp_path, monkeypatch):
     squeezed(monkeypatch)
     reported = '[truth]\nsurface = "fine.ply"\n'
     found, _ = geometry_of(case_of(sphere_file, truth=reported))
@@ -200,7 +200,7 @@ def test_a_part_of_another_surface_is_told(case_of, sphere_file, tmp_path, monke
     assert "the case has a body within 0.02 m of it now" in note
 
 
-def test_inclusions_are_told_of(case_of):
+def test_inclusions_are_reported(case_of):
     soft = """
 [[inclusion]]
 region = { ball = { center = [0.5, 0.5, 3.0], radius = 0.9 } }
@@ -251,7 +251,7 @@ def test_a_force_keeps_its_size_and_a_moment_too(case_of):
     assert moment == pytest.approx([0.0, 0.0, 2.0], abs=1e-9)
 
 
-def test_a_true_body_without_an_answer_is_told(cylinder, monkeypatch):
+def test_a_true_body_without_a_result_is_reported(cylinder, monkeypatch):
     def crash(*_args, **_words):
         raise ReferenceCrashedError(-9, "")
 
@@ -278,7 +278,7 @@ def test_a_tube_of_few_facets_is_moved_with_what_lies_inside_its_wall(case_of):
     assert ends.max() == 1.0
 
 
-def test_a_built_in_shape_too_coarse_for_its_surface_is_told_not_refused(case_of, monkeypatch):
+def test_a_built_in_shape_too_coarse_for_its_surface_is_reported_not_refused(case_of, monkeypatch):
     def refuse(*_args):
         raise InputError("the mesh is too coarse for its true surface")
 

@@ -182,7 +182,7 @@ def without_parts(case, monkeypatch, error):
     return geometry_notes(case, found)[0]
 
 
-def test_a_tool_that_starts_in_the_true_body_is_told_with_the_way_out(swinging, monkeypatch):
+def test_a_tool_that_starts_in_the_true_body_is_reported_with_the_way_out(swinging, monkeypatch):
     deep = InputError("tool 1 is 0.002 m deep in the body at the start; begin its path outside")
     note = without_parts(swinging, monkeypatch, deep)
     assert note == (
@@ -191,12 +191,12 @@ def test_a_tool_that_starts_in_the_true_body_is_told_with_the_way_out(swinging, 
     )
 
 
-def test_a_motion_without_an_answer_is_told(swinging, monkeypatch):
+def test_a_motion_without_a_result_is_reported(swinging, monkeypatch):
     lost = ReferenceStepError(0.1, 0.01, "a cell would invert", swinging.problem.mesh.points)
     assert "a cell would invert" in without_parts(swinging, monkeypatch, lost)
 
 
-def test_what_a_motion_is_solved_with_is_kept_and_told(swinging, monkeypatch):
+def test_what_a_motion_is_solved_with_is_kept_and_reported(swinging, monkeypatch):
     asked = []
 
     def still(problem, _strain, steps, _progress, *, degree, at, time_limit):

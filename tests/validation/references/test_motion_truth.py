@@ -100,7 +100,7 @@ def test_faults_of_motion_are_seen_without_the_twin(name: str, fault: Fault, met
 
 
 @pytest.mark.parametrize("name", ["wave", "decay", "csm3"])
-def test_the_truth_of_a_motion_is_held_to_the_published_numbers(name: str) -> None:
+def test_the_truth_of_a_motion_is_compared_with_the_published_numbers(name: str) -> None:
     case = load_case(name)
     truth = truth_of(name)
     specs = [c for c in case.checks if c.against == "truth" and c.quantity == "frequency"]
@@ -266,7 +266,7 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
     assert found.states.keys() == {(QUADRATIC, strain) for strain in Strain}
 
 
-def test_a_motion_without_an_answer_is_told_and_never_stored(
+def test_a_motion_without_a_result_is_reported_and_never_stored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     case = load_case("wave")

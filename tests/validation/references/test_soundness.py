@@ -65,7 +65,7 @@ def contradictions(problem, references, **options):
 
 
 @pytest.mark.parametrize("name", builtin_cases())
-def test_the_built_in_references_hold_all_that_can_be_held_against_them(name):
+def test_the_built_in_references_hold_all_that_can_be_compared_with_them(name):
     problem, references = references_of(name)
     assert find_contradictions(problem, references, thoroughly=True) == []
 

@@ -41,7 +41,7 @@ def block() -> Problem:
     return load_case("block").problem
 
 
-def test_p1_more_than_half_away_tells_nothing(block: Problem) -> None:
+def test_p1_more_than_half_away_shows_nothing(block: Problem) -> None:
     def bars(linear: float) -> dict[str, float]:
         states = {
             (SAME_MESH, Strain.LINEAR): state(block, linear),
@@ -135,7 +135,7 @@ def test_forces_on_points_leave_bars_of_integrals_alone(block: Problem) -> None:
     assert set(of_two.values()) == {math.inf}
 
 
-def test_a_single_point_that_is_held_counts_where_it_carries_force(block: Problem) -> None:
+def test_a_single_point_that_is_fixed_counts_where_it_carries_force(block: Problem) -> None:
     none = np.zeros((0, 3), dtype=np.int32)
     pin = Support(np.array([0], dtype=np.int32), none)
     pinned = dataclasses.replace(block, supports=(*block.supports, pin))

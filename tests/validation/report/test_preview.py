@@ -73,7 +73,7 @@ def test_layers_between_clamps_are_counted(layers: int) -> None:
     assert measure_thickness(mesh, clamped=mesh.boundary_facets[one]).num_between is None
 
 
-def test_one_layer_held_on_both_sides_is_warned_of(tmp_path: Path) -> None:
+def test_one_layer_fixed_on_both_sides_is_warned_of(tmp_path: Path) -> None:
     text = """
 schema = 1
 title = "A slab between plates"
@@ -137,7 +137,7 @@ def test_cells_longer_than_high_are_seen(slenderness: int) -> None:
         ("beam", "4.7 cell(s), 1 times as long as high", False),
     ],
 )
-def test_a_body_thin_for_its_mesh_is_told_before_solving(
+def test_a_body_thin_for_its_mesh_is_reported_before_solving(
     name: str, cells: str, is_warned: bool
 ) -> None:
     look = describe_case(load_case(name))
@@ -189,7 +189,7 @@ def test_there_is_no_guess_where_a_linear_solve_says_nothing() -> None:
         assert "bending alone" in line
 
 
-def test_a_mesh_too_coarse_for_what_is_asked_is_told() -> None:
+def test_a_mesh_too_coarse_for_what_is_asked_is_reported() -> None:
     # The stiffness of silicone: 7 % off by either element, where 5 % is asked.
     warned = [w for w in describe_case(load_case("silicone")).warnings if "asks for 5 %" in w]
     assert len(warned) == 1
@@ -249,14 +249,14 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
         ("[material]", "[time]\nend_time = 1.0\ntime_step = 0.9\n[material]", "will blow up"),
     ],
 )
-def test_what_looks_wrong_is_told(
+def test_what_looks_wrong_is_reported(
     write_case: Callable[..., Path], old: str, new: str, reported: str
 ) -> None:
     look = describe_case(load_case(write_case((old, new))))
     assert any(reported in warning for warning in look.warnings), look.warnings
 
 
-def test_a_case_in_which_nothing_acts_or_is_checked_is_told() -> None:
+def test_a_case_in_which_nothing_acts_or_is_checked_is_reported() -> None:
     case = load_case("block")
     bare = dataclasses.replace(case, spec=case.spec.model_copy(update={"load": (), "check": ()}))
     warnings = " ".join(describe_case(bare).warnings)

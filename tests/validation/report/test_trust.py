@@ -29,7 +29,9 @@ def of(result: CaseResult, *against: str) -> CaseResult:
     return dataclasses.replace(result, checks=checks)
 
 
-def test_what_it_was_held_against_is_in_every_output(kidney: CaseResult, block: CaseResult) -> None:
+def test_what_it_was_compared_with_is_in_every_output(
+    kidney: CaseResult, block: CaseResult
+) -> None:
     assert (kidney.scope, block.scope) == (Scope.TRUTH, Scope.SAME_MESH)
     assert of(kidney, "candidate").scope is Scope.OWN
     cases = json.loads(results_json([kidney, block], "0"))["cases"]
@@ -128,7 +130,7 @@ def test_several_cases_are_green_only_where_each_is(block: CaseResult, kidney: C
     assert tone_of([green, block, kidney]) == str(kidney.verdict) == "failed"
 
 
-def test_where_an_answer_is_wrong(block: CaseResult) -> None:
+def test_where_a_result_is_wrong(block: CaseResult) -> None:
     """Of the block by hand: a tenth too far everywhere, then wrong at its held end alone."""
     pair = comparisons_of(block)[0].pairs[0]
     true, own = block.states[pair[1]], block.states[pair[0]]

@@ -48,7 +48,7 @@ def require_same(ours: list[Run], theirs: list[Run]) -> None:
         np.testing.assert_array_equal(one.state.displacement, other.state.displacement)
 
 
-def test_workers_answer_as_this_machine_does(scheduler: str) -> None:
+def test_workers_compute_as_this_machine_does(scheduler: str) -> None:
     found, lines = variants(CASE, AXES), []
     here = run_all(AXES, found, [Simulator.FASTSIM], progress=lambda _line: None)
     there = run_all(AXES, found, [Simulator.FASTSIM], scheduler=scheduler, progress=lines.append)
@@ -106,7 +106,7 @@ def test_threads_here_and_workers_there_are_not_both_asked_for(tmp_path: Path) -
         ({"tcp://w:1": ModuleNotFoundError("No module named 'palpate'")}, "has no palpate"),
     ],
 )
-def test_workers_that_would_answer_otherwise_are_refused(
+def test_workers_that_would_compute_otherwise_are_refused(
     versions: dict[str, object], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):

@@ -85,7 +85,7 @@ def test_both_runs_of_both_loads_find_the_modulus(bar: Case) -> None:
     assert mean == pytest.approx(found.values[MODULUS], rel=1e-3)
 
 
-def test_a_slender_bar_that_bends_tells_its_modulus_and_not_poissons_ratio(tmp_path: Path) -> None:
+def test_a_slender_bar_that_bends_shows_its_modulus_and_not_poissons_ratio(tmp_path: Path) -> None:
     found = fitted(measured_bar(tmp_path, noise=0.4), KEYS)
     assert found.fit.undetermined == (POISSON,)
     (blind,) = found.fit.blind
@@ -299,7 +299,7 @@ reason = "the same equations"
 )
 
 
-def test_a_curve_of_force_over_depth_tells_the_modulus(tmp_path: Path) -> None:
+def test_a_curve_of_force_over_depth_shows_the_modulus(tmp_path: Path) -> None:
     (tmp_path / "gel.toml").write_text(PRESS, "utf-8")
     (tmp_path / "press.csv").write_text("depth_mm,force_N\n1,1\n2,2\n3,3\n4,4\n", "utf-8")
     case = load_case(tmp_path / "gel.toml")

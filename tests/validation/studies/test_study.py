@@ -28,7 +28,7 @@ def test_every_study_has_the_three_steps(name: str) -> None:
     assert all(callable(step) for step in (study.compute, study.judge, study.present))
 
 
-def test_a_study_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_study_that_is_not_there_is_reported_with_those_that_are() -> None:
     with pytest.raises(InputError, match=r"no study 'moon'.*kidney"):
         load_study("moon")
 

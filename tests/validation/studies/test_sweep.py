@@ -84,7 +84,7 @@ def test_values_are_read(
         ("material.poissons_ratio=0.3,0.3", "twice"),
     ],
 )
-def test_what_cannot_vary_is_told_with_what_was_meant(
+def test_what_cannot_vary_is_reported_with_what_was_meant(
     write_case: Callable[..., Path], words: str, reported: str
 ) -> None:
     with pytest.raises(VaryError) as caught:
@@ -92,7 +92,7 @@ def test_what_cannot_vary_is_told_with_what_was_meant(
     assert reported in str(caught.value)
 
 
-def test_every_combination_is_built_on_one_mesh_and_a_bad_value_is_told_before_any_solve(
+def test_every_combination_is_built_on_one_mesh_and_a_bad_value_is_reported_before_any_solve(
     write_case: Callable[..., Path],
 ) -> None:
     case = load_case(write_case())
