@@ -346,7 +346,7 @@ def _costs(about: Description, problem: Problem, units: Units) -> None:
 def _buckling(about: Description, problem: Problem) -> None:
     """Report the load over the first critical one, where it is within a factor of ten of it."""
     ratio = load_over_critical(problem)
-    if ratio is None or share < _WORTH_SAYING:
+    if ratio is None or ratio < _WORTH_SAYING:
         return
     about.say("buckling", f"{ratio:.2g} times its first critical load (linear, smoothed cells)")
     if ratio > 1.0:
