@@ -7,9 +7,10 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.bricks import side as facets_at  # noqa: F401  (one more of the bank)
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Strain
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.law_simulators import example_material
 
 SOFT = Material(1e4, 0.3, 1000.0)
@@ -17,43 +18,9 @@ EPS = float(np.finfo(float).eps)
 FINITE_LAWS = [law for law in Law if not law.is_linear_in_strain]
 
 
-def box(
-    divisions: tuple[int, int, int] = (3, 2, 2),
-    size: tuple[float, float, float] = (1.5, 1.0, 1.0),
-    *,
-    ragged: float = 0.0,
-    seed: int = 0,
-) -> TetMesh:
-    """A box of bricks, six tetrahedra each; interior points moved by `ragged` brick sizes."""
-    nx, ny, nz = divisions
-    grid = [np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True)]
-    points = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(points)).reshape(nx + 1, ny + 1, nz + 1)
-    corner = number[:-1, :-1, :-1].ravel()
-    along = np.array([(ny + 1) * (nz + 1), nz + 1, 1])
-    cells = []
-    for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
-        path = np.concatenate([[0], np.cumsum(along[list(order)])])
-        cells.append(corner[:, None] + path)
-    all_cells = np.concatenate(cells).astype(np.int32)
-    flipped = signed_volumes(points, all_cells) < 0.0
-    all_cells[flipped] = all_cells[flipped][:, [0, 1, 3, 2]]
-    inside = np.all((points > 1e-12) & (points < np.array(size) - 1e-12), axis=1)
-    brick = np.array(size) / np.array(divisions)
-    rng = np.random.default_rng(seed)
-    points[inside] += ragged * brick * rng.uniform(-1.0, 1.0, (int(inside.sum()), 3))
-    return TetMesh(points, all_cells)
-
-
 def points_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
     """Points in a plane across an axis."""
     return np.flatnonzero(np.abs(mesh.points[:, axis] - value) < 1e-9).astype(np.int32)
-
-
-def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    """Boundary facets in a plane across an axis."""
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
 
 
 def clamped(mesh: TetMesh, axis: int = 0, value: float = 0.0) -> Support:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from bodies import box
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
 
 BoxMaker = Callable[..., TetMesh]
@@ -15,12 +15,12 @@ BoxMaker = Callable[..., TetMesh]
 
 @pytest.fixture(scope="session")
 def make_box() -> BoxMaker:
-    return box
+    return brick_box
 
 
 @pytest.fixture(scope="session")
 def ragged_box() -> TetMesh:
-    return box((4, 3, 3), (1.6, 1.0, 1.2), ragged=0.2)
+    return brick_box((4, 3, 3), (1.6, 1.0, 1.2), ragged=0.2)
 
 
 @pytest.fixture(scope="session")

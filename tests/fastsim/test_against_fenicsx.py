@@ -18,6 +18,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
+from palpate.meshes.bricks import side
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -47,9 +48,7 @@ def test_internal_force_is_the_ufl_residual(
 
 def shaken(mesh: TetMesh, span: TimeSpan, follower: bool) -> Problem:
     """Held at one end with damping; weight, a point force, a traction, perhaps a pressure."""
-    corners = mesh.points[mesh.boundary_facets]
-    end = mesh.boundary_facets[(corners[:, :, 0] > 2.0 - 1e-9).all(axis=1)]
-    top = mesh.boundary_facets[(corners[:, :, 2] > 0.5 - 1e-9).all(axis=1)]
+    end, top = side(mesh, 0, 2.0), side(mesh, 2, 0.5)
     fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     loads: list[Load] = [
         BodyForce((0.0, 40.0, -200.0)),

@@ -12,6 +12,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.explicit_body import Precision
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -23,11 +24,6 @@ SOFT = Material(1e4, 0.3, 1000.0)
 def ends(mesh: TetMesh) -> tuple[np.ndarray, np.ndarray]:
     x = mesh.points[:, 0]
     return tuple(np.flatnonzero(np.abs(x - at) < 1e-9).astype(np.int32) for at in (0.0, x.max()))  # type: ignore[return-value]
-
-
-def end_facets(mesh: TetMesh) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(corners[:, :, 0] > mesh.points[:, 0].max() - 1e-9).all(axis=1)]
 
 
 def test_a_smooth_ramp_rises_from_0_to_1_without_jumps() -> None:
@@ -74,9 +70,9 @@ def test_each_load_has_its_own_amplitude(ragged_box: TetMesh) -> None:
     """Three loads over time are the sum of each alone: the linear solid superposes."""
     left, _ = ends(ragged_box)
     loads = (
-        Traction(end_facets(ragged_box), (100.0, 20.0, 0.0)),
+        Traction(side(ragged_box, 0, 1.6), (100.0, 20.0, 0.0)),
         BodyForce((0.0, 0.0, -100.0)),
-        Pressure(end_facets(ragged_box), 50.0),
+        Pressure(side(ragged_box, 0, 1.6), 50.0),
     )
     amplitudes = (lambda t: np.sin(4.0 * t), None, smooth_ramp(0.5))
     span = TimeSpan(1.0, num_outputs=4)
@@ -95,7 +91,10 @@ def test_each_load_has_its_own_amplitude(ragged_box: TetMesh) -> None:
 
 def test_one_amplitude_for_all_is_the_same_as_one_for_each(ragged_box: TetMesh) -> None:
     left, _ = ends(ragged_box)
-    loads = (BodyForce((0.0, 0.0, -100.0)), Pressure(end_facets(ragged_box), 50.0))
+    loads = (
+        BodyForce((0.0, 0.0, -100.0)),
+        Pressure(side(ragged_box, 0, 1.6), 50.0),
+    )
     problem = Problem(ragged_box, SOFT, (Support(left),), loads, TimeSpan(0.5, num_outputs=2))
     ramp = smooth_ramp(0.4)
     one = simulate(problem, amplitude=ramp).displacements

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bodies import facets_at
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamic_relaxation import relax
@@ -25,11 +26,6 @@ from palpate.validation.case import load_case
 MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
 BOTH = pytest.mark.parametrize("strain", list(Strain))
-
-
-def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
 
 
 def held_block(mesh: TetMesh, *loads: Load, supports: tuple[Support, ...] = ()) -> Problem:

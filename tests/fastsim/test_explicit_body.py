@@ -16,6 +16,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.fastsim.explicit_body import Precision
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -26,11 +27,6 @@ PRECISIONS = pytest.mark.parametrize("precision", list(Precision))
 THREADS = pytest.mark.parametrize("num_threads", [1, 2])
 
 
-def end_facets(mesh: TetMesh) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(corners[:, :, 0] > mesh.points[:, 0].max() - 1e-9).all(axis=1)]
-
-
 def held_block(mesh: TetMesh, span: TimeSpan, *loads: Load) -> Problem:
     fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     return Problem(mesh, SOFT, (Support(fixed),), loads, span)
@@ -39,7 +35,7 @@ def held_block(mesh: TetMesh, span: TimeSpan, *loads: Load) -> Problem:
 def crushed(mesh: TetMesh, num_outputs: int) -> Problem:
     step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(1200 * step, step, num_outputs=num_outputs)
-    return held_block(mesh, span, Traction(end_facets(mesh), (-2e4, 0.0, 0.0)))
+    return held_block(mesh, span, Traction(side(mesh, 0, 1.6), (-2e4, 0.0, 0.0)))
 
 
 @pytest.fixture
@@ -143,7 +139,7 @@ def test_a_body_that_stiffens_beyond_its_step_is_informed_of_a_shorter_one(
     """A step just stable at rest is too long for a body pulled to one and a half its length."""
     sharp = Body(ragged_box, SOFT).critical_time_step()
     span = TimeSpan(20.0, 0.99 * sharp, 1.0, 100)
-    pull = Traction(end_facets(ragged_box), (6e3, 0.0, 0.0))
+    pull = Traction(side(ragged_box, 0, 1.6), (6e3, 0.0, 0.0))
     with pytest.raises(BlowUpError) as caught:
         simulate(held_block(ragged_box, span, pull))
     error = caught.value
@@ -194,10 +190,10 @@ def test_rough_but_honest_runs_are_left_alone(
     """Blows of one step, jumping and shaking supports: no energy but what is given."""
     span = TimeSpan(5.0, 0.02, num_outputs=10)
     if isinstance(load, Pressure):
-        load = Pressure(end_facets(ragged_box), load.pressure)
+        load = Pressure(side(ragged_box, 0, 1.6), load.pressure)
     problem = held_block(ragged_box, span, *([load] if load else []))
     if moved:
-        end = np.unique(end_facets(ragged_box)).astype(np.int32)
+        end = np.unique(side(ragged_box, 0, 1.6)).astype(np.int32)
         shift = Support(end, displacement=(0.02, 0.0, 0.01))
         problem = dataclasses.replace(problem, supports=(*problem.supports, shift))
     result = simulate(
@@ -215,7 +211,7 @@ def test_rough_but_honest_runs_are_left_alone(
 def test_a_support_that_slows_down_is_no_growth(make_box: MakeBox, precision: Precision) -> None:
     """What its own mass gives back as it slows does not count against what the body is given."""
     mesh = make_box((3, 2, 2), (1.6, 1.0, 1.2), ragged=0.2)
-    end = np.unique(end_facets(mesh)).astype(np.int32)
+    end = np.unique(side(mesh, 0, mesh.points[:, 0].max())).astype(np.int32)
     shift = Support(end, components=(False, True, False), displacement=(0.0, -6.7e-4, 0.0))
     problem = held_block(mesh, TimeSpan(10.0, 0.0263, num_outputs=1))
     problem = dataclasses.replace(problem, supports=(*problem.supports, shift))

@@ -11,6 +11,7 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import layer_stiffness
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
@@ -26,13 +27,11 @@ def rod(mesh: TetMesh, *, inclusions: bool = True) -> Problem:
     length = float(x.max())
     centres = mesh.points[mesh.cells].mean(axis=1)[:, 0]
     stiff = np.flatnonzero(centres > 0.5 * length).astype(np.int32)
-    corners = mesh.points[mesh.boundary_facets][:, :, 0]
-    end = mesh.boundary_facets[(corners > length - 1e-9).all(axis=1)]
     return Problem(
         mesh,
         SOFT,
         (Support(np.flatnonzero(x < 1e-9).astype(np.int32)),),
-        (Traction(end, (800.0, 0.0, 0.0)),),
+        (Traction(side(mesh, 0, length), (800.0, 0.0, 0.0)),),
         inclusions=(Inclusion(stiff, STIFF),) if inclusions else (),
     )
 
@@ -94,9 +93,7 @@ def test_the_stable_step_is_that_of_the_fastest_material(ragged_box: TetMesh) ->
 
 def test_a_layer_is_as_stiff_as_the_cells_behind_the_facets(make_box: MakeBox) -> None:
     problem = rod(make_box((6, 2, 2), (2.0, 1.0, 1.0)))
-    corners = problem.mesh.points[problem.mesh.boundary_facets][:, :, 0]
-    near = problem.mesh.boundary_facets[(corners < 1e-9).all(axis=1)]
-    far = problem.mesh.boundary_facets[(corners > 2.0 - 1e-9).all(axis=1)]
+    near, far = (side(problem.mesh, 0, x) for x in (0.0, 2.0))
     # lmbda + 2 mu = E for a Poisson's ratio of 0; the same edges at both ends.
     ratio = layer_stiffness(problem, far) / layer_stiffness(problem, near)
     assert ratio == pytest.approx(9.0, rel=1e-12)

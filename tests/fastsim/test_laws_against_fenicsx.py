@@ -12,6 +12,7 @@ from palpate.fastsim.body import Body, cauchy_stress
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -71,9 +72,7 @@ def test_force_energy_and_tangent_are_those_of_ufl(
 
 def bar(mesh: TetMesh, law: Law, span: TimeSpan | None) -> Problem:
     """Held at one end, pulled, pressed from above and heavy."""
-    corners = mesh.points[mesh.boundary_facets]
-    end = mesh.boundary_facets[(corners[:, :, 0] > 2.0 - 1e-9).all(axis=1)]
-    top = mesh.boundary_facets[(corners[:, :, 2] > 0.5 - 1e-9).all(axis=1)]
+    end, top = side(mesh, 0, 2.0), side(mesh, 2, 0.5)
     fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     loads = (BodyForce((0.0, 40.0, -200.0)), Traction(end, (600.0, 20.0, -10.0)), Pressure(top, 60))
     return Problem(mesh, example_material(law), (fixed,), loads, span)

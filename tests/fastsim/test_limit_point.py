@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bodies import facets_at, points_at
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
@@ -29,15 +30,6 @@ SOFT = Material(1e4, 0.3, 1000.0)
 # Free uniaxial compression: P/E = l (l^2 - 1) / 2 is least at l = 1 / sqrt(3), -1 / (3 sqrt(3)).
 LIMIT, STRETCH = 1.0 / (3.0 * np.sqrt(3.0)), 1.0 / np.sqrt(3.0)
 STEP = 1.0 / 8192.0
-
-
-def points_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    return np.flatnonzero(np.abs(mesh.points[:, axis] - value) < 1e-9).astype(np.int32)
-
-
-def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets]
-    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
 
 
 def compressed_bar(mesh: TetMesh, stress: float) -> Problem:

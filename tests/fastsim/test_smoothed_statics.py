@@ -15,6 +15,7 @@ from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
@@ -24,15 +25,10 @@ SOFT = Material(1e4, 0.3, 1000.0)
 STRAINS = pytest.mark.parametrize("strain", list(Strain))
 
 
-def end_facets(mesh: TetMesh, x: float) -> np.ndarray:
-    corners = mesh.points[mesh.boundary_facets][:, :, 0]
-    return mesh.boundary_facets[(np.abs(corners - x) < 1e-9).all(axis=1)]
-
-
 def bar(mesh: TetMesh, material: Material, traction: float = -1.0) -> Problem:
     """Clamped at x = 0, sheared down at its end."""
-    clamped = end_facets(mesh, 0.0)
-    load = Traction(end_facets(mesh, float(mesh.points[:, 0].max())), (0.0, 0.0, traction))
+    clamped = side(mesh, 0, 0.0)
+    load = Traction(side(mesh, 0, mesh.points[:, 0].max()), (0.0, 0.0, traction))
     return Problem(mesh, material, (Support(np.unique(clamped), clamped),), (load,))
 
 
@@ -89,8 +85,8 @@ def test_the_secant_iteration_finds_the_same_equilibrium(make_box: MakeBox) -> N
 def test_lost_equilibrium_is_found_as_softening(make_box: MakeBox) -> None:
     """A block pressed beyond what Green strain bears: K has a direction of no stiffness."""
     mesh = make_box((2, 2, 2), (1.0, 1.0, 1.0))
-    clamped = end_facets(mesh, 0.0)
-    load = Traction(end_facets(mesh, 1.0), (-0.6 * SOFT.youngs_modulus, 0.0, 0.0))
+    clamped = side(mesh, 0, 0.0)
+    load = Traction(side(mesh, 0, 1.0), (-0.6 * SOFT.youngs_modulus, 0.0, 0.0))
     problem = Problem(mesh, SOFT, (Support(np.unique(clamped), clamped),), (load,))
     with pytest.raises(EquilibriumLostError) as caught:
         solve_static(problem, element=Element.SMOOTHED)

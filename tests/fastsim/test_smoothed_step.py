@@ -36,7 +36,7 @@ def exact_step(body: Body) -> float:
 def test_the_bound_is_below_the_critical_step_and_near_it(
     make_box: MakeBox, nu: float, ragged: float
 ) -> None:
-    mesh = make_box((3, 3, 3), (1.0, 1.0, 1.3), ragged=ragged, seed=3)
+    mesh = make_box((3, 3, 3), (1.0, 1.0, 1.3), ragged=ragged)
     body = Body(mesh, Material(1e4, nu), element=Element.SMOOTHED)
     # A user who steps by it loses a quarter at most. A negative lmbda is not counted.
     assert 0.75 < body.critical_time_step_bound() / exact_step(body) <= 1.0
@@ -45,7 +45,7 @@ def test_the_bound_is_below_the_critical_step_and_near_it(
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.499])
 @pytest.mark.parametrize("thickness", [0.3, 0.1, 0.03])
 def test_the_bound_holds_for_flat_cells(make_box: MakeBox, nu: float, thickness: float) -> None:
-    mesh = make_box((3, 3, 3), (1.0, 1.0, thickness), ragged=0.3, seed=5)
+    mesh = make_box((3, 3, 3), (1.0, 1.0, thickness), ragged=0.3)
     body = Body(mesh, Material(1e4, nu), element=Element.SMOOTHED)
     assert 0.75 < body.critical_time_step_bound() / exact_step(body) <= 1.0
 

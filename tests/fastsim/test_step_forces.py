@@ -6,12 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from bodies import EPS, FINITE_LAWS, SOFT, body_of, box, distance, force_of_step, shake
+from bodies import EPS, FINITE_LAWS, SOFT, body_of, distance, force_of_step, shake
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
@@ -34,7 +35,7 @@ def shuffled(mesh: TetMesh) -> TetMesh:
 @pytest.fixture(scope="module")
 def long_box() -> TetMesh:
     """4800 cells, shuffled: twenty chunks of the sweep, of which its rings hold a few."""
-    return shuffled(box((32, 5, 5), (6.4, 1.0, 1.0), ragged=0.2))
+    return shuffled(brick_box((32, 5, 5), (6.4, 1.0, 1.0), ragged=0.2))
 
 
 @pytest.mark.parametrize(
@@ -71,7 +72,7 @@ def test_every_kernel_gives_the_plain_loops_force(
 
 def test_the_sweep_follows_a_graded_mesh() -> None:
     """Cells of many sizes, and points of many cells."""
-    graded = GradedMesh(box((3, 3, 3), (1.0, 1.0, 1.0)))
+    graded = GradedMesh(brick_box((3, 3, 3), (1.0, 1.0, 1.0)))
     for _ in range(4):
         centres = graded.mesh.points[graded.mesh.cells].mean(axis=1)
         graded.refine(np.linalg.norm(centres - 0.3, axis=1) < 0.25)
@@ -87,7 +88,7 @@ def test_the_sweep_of_a_body_beyond_the_cache_gives_the_plain_force(
     at_most: _core.InstructionSet,
 ) -> None:
     """18 432 cells in double precision: their data are asked for ahead."""
-    mesh = box((48, 8, 8), (6.0, 1.0, 1.0), ragged=0.2)
+    mesh = brick_box((48, 8, 8), (6.0, 1.0, 1.0), ragged=0.2)
     body, u = Body(mesh, SOFT, element=Element.SMOOTHED), shake(mesh, 0.01, seed=1)
     assert distance(force_of_step(body, u, at_most=at_most), body.internal_force(u)) < 1e-13
 
@@ -109,7 +110,7 @@ def test_the_step_has_the_forces_of_every_law(
     mixed: bool,
 ) -> None:
     """Also where the volume changes by half: logarithms and roots far from 1."""
-    mesh = box((3, 3, 3), (1.0, 1.0, 1.0), ragged=0.2)
+    mesh = brick_box((3, 3, 3), (1.0, 1.0, 1.0), ragged=0.2)
     if element is Element.SMOOTHED:
         body = body_of(mesh, law, element, mixed=mixed)
     else:
@@ -127,7 +128,7 @@ def test_the_step_has_the_forces_of_every_law(
 @LAWS
 @pytest.mark.parametrize("volume", [1e-3, 0.03, 0.7, 1.45, 3.0, 400.0])
 def test_logarithm_and_root_hold_from_crushed_to_blown_up(law: Law, volume: float) -> None:
-    mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
+    mesh = brick_box((1, 1, 1), (1.0, 1.0, 1.0))
     u = (np.cbrt(volume) - 1.0) * mesh.points
     problem = Problem(mesh, example_material(law), (), ())
     stepped = ExplicitBody(problem, displacement=u, time_step=1e-6)

@@ -10,7 +10,7 @@ from palpate.fastsim.sensitivities import SoftTangentError
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.vibration import find_swings, rayleigh_quotient
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
-from palpate.meshes.bricks import brick_box
+from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.point_mass import PointMass
 from palpate.meshes.problem import Element, Material, Problem, Strain
@@ -22,14 +22,12 @@ BAR = brick_box((6, 2, 2), (0.1, 0.02, 0.02))
 def bar(
     *, force: float = 0.0, poisson: float = 0.3, mass: float = 0.0, mesh: TetMesh = BAR
 ) -> Problem:
-    ends = mesh.points[mesh.boundary_facets][:, :, 0]
-    tip = mesh.boundary_facets[(ends > 0.1 - 1e-9).all(axis=1)]
     return Problem(
         mesh,
         Material(youngs_modulus=1e5, poissons_ratio=poisson, density=1000.0),
         supports=[Support(np.flatnonzero(mesh.points[:, 0] < 1e-9))],
         loads=[BodyForce((0.0, 0.0, -force))],
-        masses=[PointMass(tip, mass)] if mass else [],
+        masses=[PointMass(side(mesh, 0, 0.1), mass)] if mass else [],
     )
 
 
