@@ -31,6 +31,7 @@ def values_of(result: CaseResult) -> dict[str, tuple[float, Verdict]]:
     return found
 
 
+@pytest.mark.long
 def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
     case = case_of("block-motion")
     core, device = (
