@@ -25,7 +25,7 @@ from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.report.tables import state_table
-from palpate.validation.states import ExitCode, Verdict
+from palpate.validation.states import ExitCode, Verdict, in_silence
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import extras, version_of
 
@@ -303,7 +303,7 @@ def test_a_self_test_needs_the_references_of_its_case(palpate_run: Run, write_ca
 def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) -> None:
     """Half of the solution: it is judged, drawn and tabled as what it is, and fails."""
     case = load_case("block")
-    solution = run_fastsim(case.problem, Strain.GREEN, lambda _line: None)
+    solution = run_fastsim(case.problem, Strain.GREEN, in_silence)
     np.savez(tmp_path / f"{name}.npz", displacement=0.5 * solution.displacement)
     result = judge_case(case, candidate=result_candidate(tmp_path / f"{name}.npz"))
     assert result.verdict is Verdict.FAILED
@@ -362,11 +362,11 @@ def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     problem = load_case(name).problem
     stored = load_stored(name, problem)
     for strain in Strain:
-        solution = run_fastsim(problem, strain, lambda _line: None)
+        solution = run_fastsim(problem, strain, in_silence)
         fast = make_state(
             problem.mesh, solution.displacement, label="fastsim", simulator="fastsim", strain=strain
         )
-        live = solve_state(problem, strain, 1, lambda _line: None)
+        live = solve_state(problem, strain, 1, in_silence)
         assert measure("displacement_l2", problem, fast, live).value < 1e-8
         # The stored one was made by another version of dolfinx in one of the two set-ups.
         kept = stored.states[SAME_MESH, strain]

@@ -18,6 +18,7 @@ from palpate.validation.case import load_case
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.run_comparison import compare_runs
+from palpate.validation.states import in_silence
 
 MESH = 'mesh = "block.vtu"'
 MORE = """
@@ -165,7 +166,7 @@ def test_a_damaged_result_is_refused_failed_or_a_state(
     for data in [whole, *damaged_copies(whole, 120, seed)]:
         path.write_bytes(data)
         with only_refusals(data[:200]):
-            result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
+            result_candidate(path).solve(problem, Strain.GREEN, in_silence)
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk", "msh", "stl", "ply", "off", "obj"])

@@ -25,7 +25,7 @@ from palpate.validation.judging.self_test import (
     table_lines,
 )
 from palpate.validation.metrics import CATALOGUE, inverted_cells
-from palpate.validation.states import State
+from palpate.validation.states import State, in_silence
 
 NAMED = {
     "wrong-mass", "late", "swapped-lame", "softer", "mirrored-mesh", "dropped-load",
@@ -78,7 +78,7 @@ def test_faults_leave_the_rest_alone(problem: Problem) -> None:
 def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
     from palpate.validation.judging import outputs
 
-    result = run_self_test(lambda _line: None)
+    result = run_self_test(in_silence)
     assert result.verdict == "passed"
     by_name = {check.metric: check.message for check in result.checks}
     healthy = {name for name in by_name if name.startswith("healthy on ")}
@@ -97,7 +97,7 @@ def test_the_self_test_catches_every_perturbed_reference(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(self_test, "TRIALS", ((Fault.SOFTER, "block"),))
     monkeypatch.setattr(self_test, "metric_table", lambda *_arguments: [])
-    reported = {c.metric: c.message for c in self_test.run_self_test(lambda _line: None).checks}
+    reported = {c.metric: c.message for c in self_test.run_self_test(in_silence).checks}
     for word, why in (
         ("missing-reference", "no stored reference"),
         ("stale-reference", "is stale"),
@@ -116,10 +116,10 @@ def test_a_gate_that_sees_nothing_fails_the_self_test(monkeypatch: pytest.Monkey
     monkeypatch.setattr(self_test, "TRIALS", ((Fault.SOFTER, "block"),))
     monkeypatch.setattr(self_test, "metric_table", lambda *_arguments: [])
     monkeypatch.setattr(self_test, "with_fault", lambda candidate, _fault: candidate)
-    result = self_test.run_self_test(lambda _line: None)
+    result = self_test.run_self_test(in_silence)
     assert result.verdict == "failed"
     with pytest.raises(InputError, match="no fault shows"):
-        self_test.run_self_test(lambda _line: None, cases=[load_case("block")])
+        self_test.run_self_test(in_silence, cases=[load_case("block")])
 
 
 def test_the_faults_of_one_case_are_tried_on_any_candidate() -> None:
@@ -130,7 +130,7 @@ def test_the_faults_of_one_case_are_tried_on_any_candidate() -> None:
         return dataclasses.replace(fastsim_candidate().solve(*arguments), label="mine")
 
     mine = Candidate("mine", solve)
-    result = run_self_test(lambda _line: None, cases=[load_case("shear")], candidate=mine)
+    result = run_self_test(in_silence, cases=[load_case("shear")], candidate=mine)
     assert result.verdict == "passed"
     verdicts = {check.metric.split(" on ")[0]: check.verdict for check in result.checks}
     # Plain shear has no tool, no motion and no mesh of its own.
@@ -145,12 +145,10 @@ def test_the_faults_of_one_case_are_tried_on_any_candidate() -> None:
 def test_a_solution_on_its_own_mesh_that_is_right_is_not_red() -> None:
     case = load_case("block")
     mine = dataclasses.replace(on_own_mesh(fastsim_candidate()), has_both_strains=False)
-    state = mine.solve(case.problem, Strain.GREEN, lambda _line: None)
+    state = mine.solve(case.problem, Strain.GREEN, in_silence)
     assert state.own is not None
     assert state.own.mesh.num_cells == 8 * case.problem.mesh.num_cells
-    perturbed = with_fault(mine, Fault.INNER_NODES).solve(
-        case.problem, Strain.GREEN, lambda _line: None
-    )
+    perturbed = with_fault(mine, Fault.INNER_NODES).solve(case.problem, Strain.GREEN, in_silence)
     # The points of the case are as they were, those between them are garbage.
     assert np.abs(perturbed.displacement - state.displacement).max() <= 1e-12
     assert perturbed.smallest_det_f < 0.0 < state.smallest_det_f
@@ -159,7 +157,7 @@ def test_a_solution_on_its_own_mesh_that_is_right_is_not_red() -> None:
 @pytest.mark.long
 @pytest.mark.nightly
 def test_every_metric_goes_red_alone_on_each_kind_of_case() -> None:
-    rows = metric_table(fastsim_candidate(), lambda _line: None)
+    rows = metric_table(fastsim_candidate(), in_silence)
     blind = [(row.metric, row.kind) for row in rows if not row.seen]
     assert not blind
     assert not [(row.metric, row.kind) for row in rows if row.healthy == "failed"]

@@ -19,15 +19,11 @@ from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import CommandError, OutsideSimulator
 from palpate.validation.exchange.result_files import ResultFileError
 from palpate.validation.peers import adapters
-from palpate.validation.states import CandidateFailedError
+from palpate.validation.states import CandidateFailedError, in_silence
 
 NUMPY_DENSE = Path(adapters.__file__).parent / "numpy_dense.py"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 HEAD = "import sys, json, os, time, numpy as np\ncase, result = sys.argv[1:3]\n"
-
-
-def say_nothing(_line: str) -> None:
-    pass
 
 
 @pytest.fixture
@@ -44,7 +40,7 @@ def script(tmp_path: Path) -> Callable[..., OutsideSimulator]:
 def test_the_smallest_adapter_gives_fastsims_solution(problem: Problem, strain: Strain) -> None:
     simulator = OutsideSimulator(f"{sys.executable} {NUMPY_DENSE} {{case}} {{result}}")
     assert simulator.name == "numpy_dense"
-    solution = outside_candidate(simulator).solve(problem, strain, say_nothing)
+    solution = outside_candidate(simulator).solve(problem, strain, in_silence)
     expected = solve_static(problem, strain=strain).displacement
     found = solution.displacement
     assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
@@ -61,7 +57,7 @@ def test_a_crash_an_exit_code_and_silence_are_failures(
         ("raise ValueError('no mesh')", "no mesh"),
     ):
         with pytest.raises(CandidateFailedError, match=message):
-            outside_candidate(script(body)).solve(problem, Strain.GREEN, say_nothing)
+            outside_candidate(script(body)).solve(problem, Strain.GREEN, in_silence)
 
 
 def test_at_the_time_limit_the_whole_process_group_ends(
@@ -75,7 +71,7 @@ def test_at_the_time_limit_the_whole_process_group_ends(
         "print('still at it', flush=True)\ntime.sleep(60)\n"
     )
     with pytest.raises(CandidateFailedError, match=r"no result within 1\.5 s"):
-        script(body, 1.5).run(problem, Strain.GREEN, say_nothing)
+        script(body, 1.5).run(problem, Strain.GREEN, in_silence)
     child = int(mark.read_text())
     for _ in range(100):
         if not is_running(child):
@@ -101,7 +97,7 @@ def test_a_solution_to_another_case_or_of_the_wrong_size_is_an_input_error(
         "open(result, 'w').write('?')",
     ):
         with pytest.raises(ResultFileError):
-            outside_candidate(script(body)).solve(problem, Strain.GREEN, say_nothing)
+            outside_candidate(script(body)).solve(problem, Strain.GREEN, in_silence)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +111,7 @@ def test_a_command_without_its_places_is_refused(command: str) -> None:
 def test_a_program_that_is_not_there_is_an_input_error(problem: Problem) -> None:
     simulator = OutsideSimulator("no-such-simulator {case} {result}")
     with pytest.raises(CommandError, match="no-such-simulator"):
-        outside_candidate(simulator).solve(problem, Strain.GREEN, say_nothing)
+        outside_candidate(simulator).solve(problem, Strain.GREEN, in_silence)
 
 
 def verdicts_in(document: Path) -> dict[str, set[str]]:

@@ -15,6 +15,7 @@ from palpate.validation.commands.studies import bench, print_bench
 from palpate.validation.peers import bench as run
 from palpate.validation.peers import bench_steps as steps
 from palpate.validation.peers.registry import Tool
+from palpate.validation.states import in_silence
 
 
 def _row(tool: str, seconds: float) -> run.Row:
@@ -66,7 +67,7 @@ def test_json_holds_rows_machine_and_what_was_left_out(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("two_rows")
 def test_the_table_shows_every_column_and_names_rivals_left_out() -> None:
     out = io.StringIO()
-    document = run.run_benchmark("steps", progress=lambda _line: None)
+    document = run.run_benchmark("steps", progress=in_silence)
     print_bench(document, Console(file=out, width=200))
     text = out.getvalue()
     assert "boundary_kept" in text

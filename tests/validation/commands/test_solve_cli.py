@@ -18,6 +18,7 @@ from palpate.meshes.files import read_result_arrays
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.runs import solve_reference, solve_state
+from palpate.validation.states import in_silence
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -91,7 +92,7 @@ def test_either_simulator_writes_the_same_stresses(
 
 def equilibrium() -> Points:
     problem = dataclasses.replace(load_case("block-motion").problem, time=None)
-    return solve_reference(problem, Strain.GREEN, 1, lambda _line: None).displacement
+    return solve_reference(problem, Strain.GREEN, 1, in_silence).displacement
 
 
 @pytest.mark.dolfinx
@@ -112,9 +113,9 @@ def test_degree_two_is_implicit_and_so_is_a_motion_without_a_step() -> None:
 def test_what_the_reference_cannot_move_is_refused_with_the_way_out() -> None:
     problem = load_case("slide").problem
     with pytest.raises(InputError, match="take degree 1"):
-        solve_reference(problem, Strain.GREEN, 2, lambda _line: None, element=Element.SMOOTHED)
+        solve_reference(problem, Strain.GREEN, 2, in_silence, element=Element.SMOOTHED)
     with pytest.raises(InputError, match="solve its motion"):
-        solve_state(problem, Strain.GREEN, 1, lambda _line: None)
+        solve_state(problem, Strain.GREEN, 1, in_silence)
 
 
 def test_a_kind_of_file_that_holds_no_solution_is_refused_before_solving(

@@ -14,7 +14,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.references.reference_set import SAME_MESH
-from palpate.validation.states import State
+from palpate.validation.states import State, in_silence
 
 SIMULATOR = Path(__file__).parent / "one_file_simulator.py"
 
@@ -47,7 +47,7 @@ class Solutions:
         write_case_folder(folder / "case", problem, strain, name="case")
         result = folder / "result.npz"
         self._simulator.solution(folder / "case", result, mistake)
-        return result_candidate(result).solve(problem, strain, lambda _line: None)
+        return result_candidate(result).solve(problem, strain, in_silence)
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,7 @@ from palpate.validation.exchange.result_files import (
 )
 from palpate.validation.metrics import Part, make_state, measure
 from palpate.validation.metrics.body import Body
-from palpate.validation.states import CandidateFailedError, CellStresses, Trajectory
+from palpate.validation.states import CandidateFailedError, CellStresses, Trajectory, in_silence
 
 TIMES = np.array([0.0, 0.25, 0.75])
 
@@ -103,12 +103,12 @@ def npz(folder, **arrays):
 def test_tool_forces_that_are_no_forces_are_refused(tmp_path, problem, solution, forces):
     path = npz(tmp_path, displacement=solution, about=json.dumps({"tool_forces": forces}))
     with pytest.raises(ResultFileError, match="tool_forces"):
-        result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
+        result_candidate(path).solve(problem, Strain.GREEN, in_silence)
 
 
 def test_tool_forces_with_a_nan_are_read_as_they_are(tmp_path, problem, solution):
     path = npz(tmp_path, displacement=solution, about='{"tool_forces": [[NaN, 0, 1]]}')
-    state = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
+    state = result_candidate(path).solve(problem, Strain.GREEN, in_silence)
     assert np.isnan(state.tool_forces[0, 0])
 
 
@@ -204,7 +204,7 @@ def test_numbers_in_another_order_are_put_in_the_cases(problem, solution, stress
 
 
 def test_what_palpate_writes_it_reads(problem, solution, tmp_path):
-    found = run_fastsim(problem, Strain.GREEN, lambda _line: None)
+    found = run_fastsim(problem, Strain.GREEN, in_silence)
     write_solution(tmp_path / "r.vtu", problem, found)
     state = state_of_result(read_result(tmp_path / "r.vtu"), problem, "mine", Strain.GREEN)
     assert (

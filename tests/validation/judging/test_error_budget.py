@@ -41,7 +41,7 @@ from palpate.validation.judging.error_budget import (
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.report.case_plots import budget_svg
-from palpate.validation.states import State
+from palpate.validation.states import State, in_silence
 
 CASES = ("kidney", "beam", "csm1")
 # What the project promises: within a tenth of what was seeded.
@@ -153,7 +153,7 @@ def test_another_mesh_is_discretisations_error(name: str, tmp_path: Path) -> Non
     fine = solve_static(finer).displacement
     path = tmp_path / "other.npz"
     np.savez(path, points=finer.mesh.points, cells=finer.mesh.cells, displacement=fine)
-    brought = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
+    brought = result_candidate(path).solve(problem, Strain.GREEN, in_silence)
     seeded = budgets_of(name, brought)
     healthy = budgets_of(name, solution_of(name))
     for after, before in zip(seeded, healthy, strict=True):

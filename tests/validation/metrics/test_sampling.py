@@ -27,7 +27,7 @@ from palpate.validation.metrics.motion import (
     swinging_most,
 )
 from palpate.validation.metrics.time_series import fit_oscillation
-from palpate.validation.states import State, Trajectory, Verdict
+from palpate.validation.states import State, Trajectory, Verdict, in_silence
 
 MESH = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
 SHAPE = np.zeros_like(MESH.points)
@@ -152,7 +152,7 @@ def test_a_published_frequency_is_not_known_by_an_alias() -> None:
 def test_the_bodys_stiffness_says_how_fast_the_built_in_waves_are() -> None:
     # First mode of the confined bar, c / (4 L) = 0.29006 Hz; higher ones have 1/27 and less of it.
     case = load_case("wave")
-    references = find_references(case, live=False, progress=lambda _line: None)
+    references = find_references(case, live=False, progress=in_silence)
     motion = references.states["reference P1", Strain.LINEAR].trajectory
     assert motion is not None
     found = content_frequency(case.problem, Strain.LINEAR, motion)
@@ -194,9 +194,7 @@ def test_a_motion_says_when_it_left_and_by_how_much() -> None:
 
 def test_smoothed_tetrahedra_swing_as_fast_as_their_own_stiffness_says() -> None:
     case = load_case("block-motion")
-    references = find_references(
-        case, live=False, elements={Element.SMOOTHED}, progress=lambda _line: None
-    )
+    references = find_references(case, live=False, elements={Element.SMOOTHED}, progress=in_silence)
     motion = references.states["reference smoothed", Strain.GREEN].trajectory
     assert motion is not None
     point, axis = swinging_most(motion)

@@ -21,7 +21,7 @@ from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.metrics import Part, make_state, measure, stress_integrals
 from palpate.validation.metrics.body import Body, body_of
-from palpate.validation.states import CellStresses, OwnMesh, State
+from palpate.validation.states import CellStresses, OwnMesh, State, in_silence
 
 Field = NDArray[np.float64]
 BOTH = pytest.mark.parametrize("element", list(Element))
@@ -106,7 +106,7 @@ def test_the_judges_own_stress_is_that_of_fastsim(problem: Problem, element: Ele
     hard = np.arange(0, problem.mesh.num_cells, 3, dtype=np.int32)
     mixed = dataclasses.replace(problem, inclusions=(Inclusion(hard, Material(4000.0, 0.2)),))
     for strain in Strain:
-        found = run_fastsim(mixed, strain, lambda _line: None, element=element)
+        found = run_fastsim(mixed, strain, in_silence, element=element)
         assert found.stresses is not None
         by_judge = dataclasses.replace(found, stresses=None)
         assert measure("stress_l2", mixed, found, by_judge, cells_of(mixed)).value <= 1e-12
@@ -122,7 +122,7 @@ def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
     problem: Problem, solution: Field
 ) -> None:
     right = state_of(problem, solution)
-    found = run_fastsim(problem, Strain.GREEN, lambda _line: None)
+    found = run_fastsim(problem, Strain.GREEN, in_silence)
     assert found.stresses is not None
     sent = found.stresses.second_piola_kirchhoff
     wrong = state_of(problem, solution, sent_stress=sent)

@@ -26,6 +26,7 @@ from palpate.validation.peers.board_page import write_board
 from palpate.validation.peers.board_references import find_truth
 from palpate.validation.peers.makers import maker_of
 from palpate.validation.peers.registry import Peer
+from palpate.validation.states import in_silence
 
 # It says in a file that it ran, and moves the body by as much as the module beside it says.
 PROGRAM = """
@@ -295,7 +296,7 @@ def test_a_cached_truth_is_checked_as_runs_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = load_case("stretch")
-    stored, solved = find_references(case, live=False, progress=lambda _: None), []
+    stored, solved = find_references(case, live=False, progress=in_silence), []
 
     def solve(*_: object) -> Any:
         solved.append(1)

@@ -16,6 +16,7 @@ from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.case.variants import read_axis, variants
 from palpate.validation.solving import Simulator
+from palpate.validation.states import in_silence
 from palpate.validation.studies.sweep_runs import (
     Run,
     SchedulerError,
@@ -50,7 +51,7 @@ def require_same(ours: list[Run], theirs: list[Run]) -> None:
 
 def test_workers_compute_as_this_machine_does(scheduler: str) -> None:
     found, lines = variants(CASE, AXES), []
-    here = run_all(AXES, found, [Simulator.FASTSIM], progress=lambda _line: None)
+    here = run_all(AXES, found, [Simulator.FASTSIM], progress=in_silence)
     there = run_all(AXES, found, [Simulator.FASTSIM], scheduler=scheduler, progress=lines.append)
     require_same(here, there)
     assert len(lines) == 2
@@ -87,7 +88,7 @@ def test_without_the_extra_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(SchedulerError, match=r"palpate\[cluster\]") as caught:
         run_all(
             AXES, variants(CASE, AXES), [Simulator.FASTSIM],
-            scheduler="tcp://nowhere:1", progress=lambda _line: None,
+            scheduler="tcp://nowhere:1", progress=in_silence,
         )  # fmt: skip
     assert caught.value.address == "tcp://nowhere:1"
 

@@ -19,7 +19,7 @@ from palpate.validation.case import load_case
 from palpate.validation.case.variants import VaryError
 from palpate.validation.cli import app
 from palpate.validation.references.runs import solve_by_steps
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.sweep_iterations import (
     Trial,
     judge,
@@ -131,7 +131,7 @@ def sweep_of(let_go: Path, tmp_path: Path) -> Callable[..., tuple[int, str, Path
     """Exit code, what it said and its folder, of a sweep over a program that sends what is said."""
     case = load_case(let_go)
     steps = Steps(Integrator.BACKWARD_EULER, 4e-3)
-    right = solve_by_steps(case.problem, case.strain, steps, lambda _: None)
+    right = solve_by_steps(case.problem, case.strain, steps, in_silence)
     np.save(tmp_path / "right.npy", right.displacements)
 
     def run(body: str, *asked: str) -> tuple[int, str, Path]:

@@ -12,7 +12,7 @@ from rich.console import Console
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies import meshing, run_study
 
 EPS = np.finfo(float).eps
@@ -91,7 +91,7 @@ def test_the_study_leaves_its_page_and_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(meshing, "EDGE_LENGTH", 14e-3)  # coarse: a fast run
-    code = run_study("meshing", tmp_path, lambda _line: None, Console(quiet=True))
+    code = run_study("meshing", tmp_path, in_silence, Console(quiet=True))
     assert code in (0, 1)
     rows = json.loads((tmp_path / "results.json").read_text("utf-8"))["tables"]["quality"]
     assert [row["mesh"] for row in rows] == [

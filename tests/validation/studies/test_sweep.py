@@ -21,7 +21,7 @@ from palpate.validation.case.variants import VaryError, read_axis, variants
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.peers import adapters
 from palpate.validation.solving import Simulator, solve
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.sweep import (
     ends_of,
     finding_on_sames,
@@ -45,10 +45,6 @@ NEED = ("displacement_l2", "truth")
 def rows_of(folder: Path) -> list[dict[str, str]]:
     with (folder / "sweep.csv").open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
-
-
-def silent(_line: str) -> None:
-    pass
 
 
 @pytest.mark.parametrize(
@@ -152,7 +148,7 @@ def test_a_solution_of_a_sweep_is_that_of_the_case_alone(
 ) -> None:
     case = load_case(write_case())
     axes = [read_axis("load[0].factor=0.5,1", case)]
-    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], jobs=jobs, progress=silent)
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], jobs=jobs, progress=in_silence)
     assert [(r.values[0], r.strain) for r in runs] == [
         (0.5, Strain.LINEAR), (1.0, Strain.LINEAR), (0.5, Strain.GREEN), (1.0, Strain.GREEN),
     ]  # fmt: skip
@@ -179,7 +175,7 @@ def test_it_stops_where_equilibrium_ends_and_says_at_which_value(
     # 192 N, at s = 1/sqrt(3); ten times 20 N is more.
     case = load_case(write_case(("force = [60.0, 20.0, -10.0]", "force = [-20.0, 0.0, 0.0]")))
     axes = [read_axis("load[0].factor=0.5,1,20,10", case)]
-    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=silent)
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=in_silence)
     green = {r.values[0]: r for r in runs if r.strain is Strain.GREEN}
     assert list(green) == [0.5, 1.0, 10.0, 20.0]
     assert green[1.0].state is not None
@@ -198,7 +194,7 @@ def test_the_same_result_for_other_values_or_the_other_strain_is_said_and_shows_
 ) -> None:
     case = load_case(write_case())
     axes = [read_axis("load[0].factor=0.5,1,2", case)]
-    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=silent)
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=in_silence)
     assert sames_of(axes, runs) == []
     (right,) = finding_on_sames(axes, runs)
     assert right.verdict is Verdict.PASSED
@@ -263,7 +259,7 @@ def test_another_simulator_that_ignores_what_it_is_asked_for_fails(
     case = load_case(write_case())
     axes = [read_axis("load[0].factor=0.5,1,2", case)]
     simulators = [Simulator.FASTSIM, program]
-    runs = run_all(axes, variants(case, axes), simulators, progress=silent)
+    runs = run_all(axes, variants(case, axes), simulators, progress=in_silence)
     lines = ignored_by(axes, runs)
     for words in ignored:
         assert any(words in line and "wrapped (simulator)" in line for line in lines), lines
@@ -274,7 +270,7 @@ def test_a_value_without_effect_is_said(write_case: Callable[..., Path]) -> None
     weight = ("poissons_ratio = 0.3", "poissons_ratio = 0.3\ndensity = 1000.0")
     case = load_case(write_case(weight))
     axes = [read_axis("material.density=900,1000", case)]
-    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=silent)
+    runs = run_all(axes, variants(case, axes), [Simulator.FASTSIM], progress=in_silence)
     assert all("it has no effect on this case" in line for line in sames_of(axes, runs))
     assert len(sames_of(axes, runs)) == 2
     assert finding_on_sames(axes, runs) == []  # no load varies
