@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,6 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
-MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bodies import clamped
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
@@ -16,20 +16,18 @@ from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
-from palpate.meshes.bricks import side
+from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
-MakeBox = Callable[..., TetMesh]
 SOFT, TISSUE = Material(1e4, 0.3, 1000.0), Material(1e4, 0.45, 1000.0)
 BOTH = pytest.mark.parametrize("strain", list(Strain))
 
 
 def beam(mesh: TetMesh, span: TimeSpan, weight: float = 2000.0) -> Problem:
-    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     load = BodyForce((0.0, 0.2 * weight, -weight))
-    return Problem(mesh, SOFT, (Support(fixed),), (load,), span)
+    return Problem(mesh, SOFT, (clamped(mesh),), (load,), span)
 
 
 def free_body(mesh: TetMesh, span: TimeSpan) -> Problem:
@@ -86,8 +84,8 @@ def test_the_number_of_threads_changes_rounding_only(ragged_box: TetMesh, elemen
     assert np.abs(one - three).max() < 1e-12 * np.abs(one).max()
 
 
-def test_error_falls_with_the_square_of_the_time_step(make_box: MakeBox) -> None:
-    mesh = make_box((3, 1, 1), (3.0, 1.0, 1.0))
+def test_error_falls_with_the_square_of_the_time_step() -> None:
+    mesh = brick_box((3, 1, 1), (3.0, 1.0, 1.0))
     coarse = 0.5 * Body(mesh, SOFT).critical_time_step_bound()
     end = 64 * coarse
 
@@ -116,10 +114,8 @@ def test_element_bound_lies_below_the_sharp_step_and_that_is_the_dense_one(
     assert 0.4 * dense < bound <= dense
 
 
-def test_a_step_just_below_the_critical_stays_bounded_and_above_is_refused(
-    make_box: MakeBox,
-) -> None:
-    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
+def test_a_step_just_below_the_critical_stays_bounded_and_above_is_refused() -> None:
+    mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
     sharp = Body(mesh, SOFT).critical_time_step(relative_tolerance=1e-10)
     good = TimeSpan(2000 * 0.99 * sharp, time_step=0.99 * sharp, num_outputs=1)
     result = simulate(beam(mesh, good, weight=20.0), strain=Strain.LINEAR)
@@ -129,8 +125,8 @@ def test_a_step_just_below_the_critical_stays_bounded_and_above_is_refused(
     assert caught.value.critical_time_step == pytest.approx(sharp, rel=1e-3)
 
 
-def test_damped_motion_comes_to_rest_at_the_static_solution(make_box: MakeBox) -> None:
-    mesh = make_box((6, 2, 2), (3.0, 1.0, 1.0), ragged=0.1)
+def test_damped_motion_comes_to_rest_at_the_static_solution() -> None:
+    mesh = brick_box((6, 2, 2), (3.0, 1.0, 1.0), ragged=0.1)
     span = TimeSpan(90.0, mass_damping=0.7, num_outputs=1)  # near critical: 2 omega_1
     problem = beam(mesh, span, weight=30.0)
     static = solve_static(problem).displacement
@@ -140,20 +136,17 @@ def test_damped_motion_comes_to_rest_at_the_static_solution(make_box: MakeBox) -
 
 
 @pytest.mark.slow
-def test_single_precision_is_safe_in_a_beam_that_hangs_by_half_its_length(
-    make_box: MakeBox,
-) -> None:
+def test_single_precision_is_safe_in_a_beam_that_hangs_by_half_its_length() -> None:
     """The quasi-static beam of TARGETS.md: 6 000 cells, 15 000 steps, tip down by 53 %.
 
     An update by 2 a(t) - a(t-dt) rounds to 1e-2 here; increments keep the digits.
     """
-    mesh = make_box((40, 5, 5), (0.4, 0.05, 0.05))
+    mesh = brick_box((40, 5, 5), (0.4, 0.05, 0.05))
     assert mesh.num_cells == 6000
-    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     problem = Problem(
         mesh,
         Material(5e5, 0.3, 1000.0),
-        (Support(fixed),),
+        (clamped(mesh),),
         (BodyForce((0.0, 0.0, -9810.0)),),
         TimeSpan(3.0, mass_damping=14.2, num_outputs=1),
     )
@@ -202,12 +195,12 @@ def confined_wave_error(mesh: TetMesh, courant: float = 0.8) -> float:
     return float(errors.max() / np.sqrt((mass * start**2).sum()))
 
 
-def test_confined_wave_keeps_its_period_to_second_order(make_box: MakeBox) -> None:
+def test_confined_wave_keeps_its_period_to_second_order() -> None:
     """P-wave of TARGETS.md. 40 x 4 x 4 cubes, each cut in six: below 1e-3; order 2 in size."""
     sizes = np.array([1 / 20, 1 / 40, 1 / 80])
     errors = [
         confined_wave_error(
-            make_box((round(1 / h), round(0.1 / h), round(0.1 / h)), (1.0, 0.1, 0.1))
+            brick_box((round(1 / h), round(0.1 / h), round(0.1 / h)), (1.0, 0.1, 0.1))
         )
         for h in sizes
     ]
@@ -216,13 +209,12 @@ def test_confined_wave_keeps_its_period_to_second_order(make_box: MakeBox) -> No
     assert slope == pytest.approx(2.0, abs=0.1)
 
 
-def test_pressure_agrees_with_the_static_solution_after_damping(make_box: MakeBox) -> None:
-    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
-    fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+def test_pressure_agrees_with_the_static_solution_after_damping() -> None:
+    mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
     problem = Problem(
         mesh,
         SOFT,
-        (Support(fixed),),
+        (clamped(mesh),),
         (Pressure(side(mesh, 2, 1.0), 150.0),),
         TimeSpan(50.0, None, 1.6, 1),
     )
@@ -237,13 +229,13 @@ def test_no_time_span_is_refused(ragged_box: TetMesh) -> None:
 
 
 @pytest.mark.parametrize("element", list(Element))
-def test_a_free_body_keeps_its_momentum_and_turns_on(make_box: MakeBox, element: Element) -> None:
+def test_a_free_body_keeps_its_momentum_and_turns_on(element: Element) -> None:
     """Spun and stretched, over 2000 steps in double precision.
 
     Central differences conserve both: what is left is one rounding a step at positions up to
     eight lengths from the origin, at random root(2000) * 8 * eps / 2 = 4e-14.
     """
-    mesh = make_box((6, 3, 3), (1.0, 0.5, 0.5), ragged=0.2)
+    mesh = brick_box((6, 3, 3), (1.0, 0.5, 0.5), ragged=0.2)
     centred = mesh.points - mesh.points.mean(axis=0)
     speed = np.cross([0.0, 0.3, 0.5], centred) + np.array([0.4, 0.0, 0.1])
     speed[:, 0] += 0.2 * centred[:, 0]
@@ -265,9 +257,9 @@ def distance(after: np.ndarray, before: np.ndarray) -> float:
     return float(np.abs(change).max() / np.abs(before).sum())
 
 
-def test_a_bar_swings_as_slowly_as_it_should(make_box: MakeBox) -> None:
+def test_a_bar_swings_as_slowly_as_it_should() -> None:
     """Its weight, let go, bends it to twice the static deflection; plain cells stop far before."""
-    mesh = make_box((12, 3, 3), (4.0, 1.0, 1.0))
+    mesh = brick_box((12, 3, 3), (4.0, 1.0, 1.0))
     fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     deepest = {}
     for element in Element:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from bodies import FINITE_LAWS, SOFT, facets_at, points_at
@@ -13,17 +11,17 @@ from palpate.fastsim.body import Body, lame_parameters
 from palpate.fastsim.dynamics import DynamicResult, Recorder, simulate
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.law_simulators import example_material
 
-MakeBox = Callable[..., TetMesh]
 RAMPED, SUDDEN = 1e-5, 3e-3
 
 
-def block(make_box: MakeBox) -> TetMesh:
-    return make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
+def block() -> TetMesh:
+    return brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
 
 
 def run(
@@ -68,12 +66,10 @@ def imbalance(result: DynamicResult, *, strain_share: float = 0.3) -> float:
 @pytest.mark.parametrize("strain", list(Strain))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 @pytest.mark.parametrize("kind", ["weight", "traction", "pressure"])
-def test_energy_is_balanced_for_a_ramped_load(
-    make_box: MakeBox, kind: str, damping: float, strain: Strain
-) -> None:
+def test_energy_is_balanced_for_a_ramped_load(kind: str, damping: float, strain: Strain) -> None:
     if (kind, strain) == ("pressure", Strain.LINEAR):
         strain = Strain.GREEN  # under linear strain a pressure is a traction
-    mesh = block(make_box)
+    mesh = block()
     loads: dict[str, Load] = {
         "weight": BodyForce((0.0, 60.0, -300.0)),
         "traction": Traction(facets_at(mesh, 0, 2.0), (800.0, 0.0, -200.0)),
@@ -84,17 +80,15 @@ def test_energy_is_balanced_for_a_ramped_load(
 
 @pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
-def test_energy_is_balanced_where_supports_are_moved(
-    make_box: MakeBox, damping: float, element: Element
-) -> None:
-    result = run(block(make_box), None, damping, moved=(0.2, 0.1, 0.0), element=element)
+def test_energy_is_balanced_where_supports_are_moved(damping: float, element: Element) -> None:
+    result = run(block(), None, damping, moved=(0.2, 0.1, 0.0), element=element)
     assert imbalance(result) < RAMPED
 
 
 @pytest.mark.parametrize("damping", [0.0, 2.0])
-def test_energy_is_balanced_on_a_shaken_support(make_box: MakeBox, damping: float) -> None:
+def test_energy_is_balanced_on_a_shaken_support(damping: float) -> None:
     """Sine from the first step on, well below the resonances."""
-    mesh = block(make_box)
+    mesh = block()
     step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(10_000 * step, step, damping, 50)
     supports = (
@@ -114,17 +108,17 @@ def test_energy_is_balanced_on_a_shaken_support(make_box: MakeBox, damping: floa
 @pytest.mark.parametrize("strain", list(Strain))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 def test_energy_is_balanced_for_a_sudden_load(
-    make_box: MakeBox, damping: float, strain: Strain, element: Element
+    damping: float, strain: Strain, element: Element
 ) -> None:
     load = BodyForce((0.0, 40.0, -200.0))
-    result = run(block(make_box), load, damping, ramped=False, strain=strain, element=element)
+    result = run(block(), load, damping, ramped=False, strain=strain, element=element)
     assert imbalance(result) < SUDDEN
 
 
 @pytest.mark.parametrize(("ramped", "limit"), [(True, RAMPED), (False, SUDDEN)])
-def test_a_wrong_force_breaks_the_balance(make_box: MakeBox, ramped: bool, limit: float) -> None:
+def test_a_wrong_force_breaks_the_balance(ramped: bool, limit: float) -> None:
     """The step has a shear modulus 1 % too large; psi(F) does not."""
-    mesh = block(make_box)
+    mesh = block()
     step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(10_000 * step, step, num_outputs=50)
     # The same lmbda with 1.01 mu: E = mu (3 lmbda + 2 mu) / (lmbda + mu).
@@ -145,8 +139,8 @@ def test_a_wrong_force_breaks_the_balance(make_box: MakeBox, ramped: bool, limit
     assert imbalance(recorder.result()) > limit
 
 
-def test_tracking_energy_changes_no_bit_of_the_trajectory(make_box: MakeBox) -> None:
-    mesh = block(make_box)
+def test_tracking_energy_changes_no_bit_of_the_trajectory() -> None:
+    mesh = block()
     fixed = Support(points_at(mesh, 0, 0.0))
     pull = Traction(facets_at(mesh, 0, 2.0), (500.0, 0.0, -100.0))
     problem = Problem(mesh, SOFT, (fixed,), (pull,), TimeSpan(3.0, num_outputs=5))
@@ -155,8 +149,8 @@ def test_tracking_energy_changes_no_bit_of_the_trajectory(make_box: MakeBox) -> 
 
 
 @pytest.mark.parametrize("law", FINITE_LAWS)
-def test_motion_of_every_law_keeps_its_energy(make_box: MakeBox, law: Law) -> None:
-    mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
+def test_motion_of_every_law_keeps_its_energy(law: Law) -> None:
+    mesh = brick_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     fixed = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     load = Traction(facets_at(mesh, 0, 2.0), (0.0, 0.0, -100.0))
     step = 0.25 * Body(mesh, example_material(law)).critical_time_step()

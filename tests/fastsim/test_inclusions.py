@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,10 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import layer_stiffness
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support, Traction
-from palpate.meshes.bricks import side
+from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
-MakeBox = Callable[..., TetMesh]
 SOFT, STIFF = Material(1e4, 0.0, 1000.0), Material(9e4, 0.0, 3000.0)
 BOTH = pytest.mark.parametrize("element", list(Element))
 STRAINS = pytest.mark.parametrize("strain", list(Strain))
@@ -39,14 +36,14 @@ def rod(mesh: TetMesh, *, inclusions: bool = True) -> Problem:
 @BOTH
 @STRAINS
 def test_a_rod_of_two_materials_stretches_by_each_ones_own_part(
-    make_box: MakeBox, element: Element, strain: Strain
+    element: Element, strain: Strain
 ) -> None:
     """In series each half bears the same stress: l (l^2 - 1) / 2 = 800 Pa / E for Green strain.
 
     Poisson's ratio is 0, so that nothing narrows and both elements have the exact solution: strains
     are constant in each half, and not averaged across.
     """
-    problem = rod(make_box((6, 2, 2), (2.0, 1.0, 1.0)))
+    problem = rod(brick_box((6, 2, 2), (2.0, 1.0, 1.0)))
     u = solve_static(problem, strain=strain, element=element).displacement
     stretches = []
     for material in (SOFT, STIFF):
@@ -91,8 +88,8 @@ def test_the_stable_step_is_that_of_the_fastest_material(ragged_box: TetMesh) ->
     assert bound <= mixed.critical_time_step() * (1.0 + 1e-9)
 
 
-def test_a_layer_is_as_stiff_as_the_cells_behind_the_facets(make_box: MakeBox) -> None:
-    problem = rod(make_box((6, 2, 2), (2.0, 1.0, 1.0)))
+def test_a_layer_is_as_stiff_as_the_cells_behind_the_facets() -> None:
+    problem = rod(brick_box((6, 2, 2), (2.0, 1.0, 1.0)))
     near, far = (side(problem.mesh, 0, x) for x in (0.0, 2.0))
     # lmbda + 2 mu = E for a Poisson's ratio of 0; the same edges at both ends.
     ratio = layer_stiffness(problem, far) / layer_stiffness(problem, near)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from palpate.fastsim.body import Body, cauchy_stress
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
-from palpate.meshes.bricks import side
+from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -20,7 +19,6 @@ from palpate.validation.diagnosis.law_simulators import example_material, follow
 
 pytestmark = pytest.mark.dolfinx
 
-MakeBox = Callable[..., TetMesh]
 FINITE = [law for law in Law if not law.is_linear_in_strain]
 # Of these the smoothed forms compile long, and differ from another law's by one term.
 _LIKE_ANOTHER = (Law.NEO_HOOKEAN_STABLE_LOG, Law.MOONEY_RIVLIN_LOG)
@@ -42,12 +40,10 @@ BOTH_ELEMENTS = pytest.mark.parametrize(
 
 @BOTH_ELEMENTS
 @pytest.mark.parametrize("nu", [0.0, 0.49])
-def test_force_energy_and_tangent_are_those_of_ufl(
-    make_box: MakeBox, law: Law, nu: float, element: Element
-) -> None:
+def test_force_energy_and_tangent_are_those_of_ufl(law: Law, nu: float, element: Element) -> None:
     from palpate.reference.discrete_problem import DiscreteProblem
 
-    mesh = make_box((5, 4, 4), (1.0, 0.8, 0.8), ragged=0.2)
+    mesh = brick_box((5, 4, 4), (1.0, 0.8, 0.8), ragged=0.2)
     inclusions = (Inclusion(np.arange(50), example_material(law, 0.2)),)
     problem = Problem(mesh, example_material(law, nu), (), (), inclusions=inclusions)
     # About 10 % of the cell size, 0.2.
@@ -79,12 +75,10 @@ def bar(mesh: TetMesh, law: Law, span: TimeSpan | None) -> Problem:
 
 
 @BOTH_ELEMENTS
-def test_trajectory_is_that_of_the_explicit_reference(
-    make_box: MakeBox, law: Law, element: Element
-) -> None:
+def test_trajectory_is_that_of_the_explicit_reference(law: Law, element: Element) -> None:
     from palpate.reference.stepping import simulate_explicit
 
-    mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
+    mesh = brick_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     problem = bar(mesh, law, TimeSpan(5.0, 5e-3, mass_damping=2.0, num_outputs=10))
     ours = simulate(problem, element=element)
     theirs = simulate_explicit(problem, element=element)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -20,12 +19,12 @@ from palpate.fastsim.newton import (
 )
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.law_simulators import example_material
 
-MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
 # Free uniaxial compression: P/E = l (l^2 - 1) / 2 is least at l = 1 / sqrt(3), -1 / (3 sqrt(3)).
 LIMIT, STRETCH = 1.0 / (3.0 * np.sqrt(3.0)), 1.0 / np.sqrt(3.0)
@@ -43,10 +42,8 @@ def compressed_bar(mesh: TetMesh, stress: float) -> Problem:
 
 
 @pytest.mark.parametrize("overload", [1.05, 1.3, 5.0])
-def test_a_compressed_brick_gives_way_at_the_closed_forms_peak(
-    make_box: MakeBox, overload: float
-) -> None:
-    mesh = make_box((1, 1, 1), (1.6, 1.0, 1.2))
+def test_a_compressed_brick_gives_way_at_the_closed_forms_peak(overload: float) -> None:
+    mesh = brick_box((1, 1, 1), (1.6, 1.0, 1.2))
     with pytest.raises(EquilibriumLostError) as caught:
         solve_static(compressed_bar(mesh, overload * LIMIT * SOFT.youngs_modulus))
     error = caught.value
@@ -110,8 +107,8 @@ def test_just_below_the_peak_there_is_an_equilibrium(ragged_box: TetMesh) -> Non
     )
 
 
-def test_the_place_is_where_the_neck_is(make_box: MakeBox) -> None:
-    box = make_box((16, 3, 3), (4.0, 1.0, 1.0))
+def test_the_place_is_where_the_neck_is() -> None:
+    box = brick_box((16, 3, 3), (4.0, 1.0, 1.0))
     points = box.points.copy()
     points[:, 1:] *= (1.0 - 0.3 * np.exp(-(((points[:, 0] - 2.5) / 0.4) ** 2)))[:, None]
     mesh = TetMesh(points, box.cells)
@@ -123,12 +120,12 @@ def test_the_place_is_where_the_neck_is(make_box: MakeBox) -> None:
     assert error.smallest_stretch == smallest_stretches(Body(mesh, SOFT), error.displacement).min()
 
 
-def test_a_column_that_would_buckle_is_not_followed_straight_on(make_box: MakeBox) -> None:
+def test_a_column_that_would_buckle_is_not_followed_straight_on() -> None:
     """Symmetric mesh and load: the straight column stays an equilibrium, but not a stable one.
 
     Euler, clamped and free: sigma = pi^2 E (h / L)^2 / 48; shear and coarse P1 cells change it.
     """
-    mesh = make_box((20, 2, 2), (10.0, 1.0, 1.0))
+    mesh = brick_box((20, 2, 2), (10.0, 1.0, 1.0))
     euler = np.pi**2 * SOFT.youngs_modulus / 100.0 / 48.0
     fixed = facets_at(mesh, 0, 0.0)
     push = Traction(facets_at(mesh, 0, 10.0), (-10.0 * euler, 0.0, 0.0))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from palpate.fastsim import newton, statics
 from palpate.fastsim.body import Body
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
-MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
 
 
@@ -27,9 +25,9 @@ def cantilever(mesh: TetMesh) -> Problem:
 
 @pytest.mark.parametrize("strain", list(Strain))
 def test_multigrid_and_diagonal_blocks_find_the_same_equilibrium(
-    make_box: MakeBox, strain: Strain, monkeypatch: pytest.MonkeyPatch
+    strain: Strain, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = cantilever(make_box((16, 4, 4), (4.0, 1.0, 1.0), ragged=0.15))
+    problem = cantilever(brick_box((16, 4, 4), (4.0, 1.0, 1.0), ragged=0.15))
     found = []
     for threshold in (0, 10**9):
         monkeypatch.setattr(newton, "MULTIGRID_FROM_POINTS", threshold)
@@ -40,10 +38,10 @@ def test_multigrid_and_diagonal_blocks_find_the_same_equilibrium(
     assert multigrid.linear_iterations < 0.5 * blocks.linear_iterations
 
 
-def test_iterations_hardly_grow_with_the_mesh(make_box: MakeBox) -> None:
+def test_iterations_hardly_grow_with_the_mesh() -> None:
     counts = [
         statics.solve_static(
-            cantilever(make_box((4 * n, n, n), (4.0, 1.0, 1.0))), strain=Strain.LINEAR
+            cantilever(brick_box((4 * n, n, n), (4.0, 1.0, 1.0))), strain=Strain.LINEAR
         ).linear_iterations
         for n in (8, 14)
     ]
@@ -51,9 +49,9 @@ def test_iterations_hardly_grow_with_the_mesh(make_box: MakeBox) -> None:
     assert counts[1] < 1.4 * counts[0]
 
 
-def test_one_cycle_is_symmetric_and_positive(make_box: MakeBox) -> None:
+def test_one_cycle_is_symmetric_and_positive() -> None:
     """What conjugate gradients ask of a preconditioner, by one iteration from chosen sides."""
-    mesh = make_box((12, 5, 5), (2.4, 1.0, 1.0), ragged=0.1)
+    mesh = brick_box((12, 5, 5), (2.4, 1.0, 1.0), ragged=0.1)
     core = Body(mesh, SOFT, Strain.LINEAR).core
     u = np.zeros_like(mesh.points)
     core.assemble_tangent(u)
@@ -69,8 +67,8 @@ def test_one_cycle_is_symmetric_and_positive(make_box: MakeBox) -> None:
     assert not Mx[is_free == 0].any()
 
 
-def test_a_body_in_two_parts_and_thin_parts_are_solved(make_box: MakeBox) -> None:
-    one = make_box((20, 3, 3), (4.0, 0.5, 0.5))
+def test_a_body_in_two_parts_and_thin_parts_are_solved() -> None:
+    one = brick_box((20, 3, 3), (4.0, 0.5, 0.5))
     other = one.points + np.array([0.0, 5.0, 0.0])
     mesh = TetMesh(
         np.concatenate([one.points, other]), np.concatenate([one.cells, one.cells + one.num_points])

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bodies import clamped
 
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.errors import ToolTooFastError
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
 
-MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
 SPAN = TimeSpan(1.0, mass_damping=2.0, num_outputs=4)
 PRECISIONS = pytest.mark.parametrize("precision", list(Precision))
@@ -27,10 +26,9 @@ THREADS = pytest.mark.parametrize("num_threads", [1, 2])
 
 
 def loaded(mesh: TetMesh, *tools: RigidTool) -> Problem:
-    fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32)
     top = (mesh.points[mesh.boundary_facets][:, :, 2] > mesh.points[:, 2].max() - 1e-9).all(axis=1)
     loads = (BodyForce((0.0, 150.0, -300.0)), Pressure(mesh.boundary_facets[top], 40.0))
-    return Problem(mesh, SOFT, (Support(fixed),), loads, SPAN, tools)
+    return Problem(mesh, SOFT, (clamped(mesh, 2),), loads, SPAN, tools)
 
 
 def ball(sink: float) -> RigidTool:

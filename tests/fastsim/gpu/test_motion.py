@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -37,7 +36,6 @@ from palpate.meshes.tet_mesh import TetMesh
 
 pytest.importorskip("warp", reason="the extra `gpu` is not installed")
 
-MakeBox = Callable[..., TetMesh]
 # `PALPATE_TEST_DEVICE=cuda:0` runs these on a GPU.
 WARP = os.environ.get("PALPATE_TEST_DEVICE", "warp:cpu")
 SOFT, HARD = Material(1e4, 0.3, 1000.0), Material(4e4, 0.4, 1100.0)
