@@ -57,9 +57,10 @@ def mesh_label_image(
     if not is_phantom or labels:
         names = parse_labels(labels)
         around = parse_labels(walls, "--wall") if walls else {}
-    twice = sorted(set(names) & set(around)) or sorted(set(names.values()) & set(around.values()))
-    if twice:
-        raise InputError(f"--wall {twice[0]}: is a --label as well; a wall is not meshed")
+    numbers, called = set(names) & set(around), set(names.values()) & set(around.values())
+    if numbers or called:
+        twice = min(map(str, numbers or called))
+        raise InputError(f"--wall {twice}: is a --label as well; a wall is not meshed")
     inputs = [] if is_phantom else [image]
     require_outputs({"--output": output}, inputs=inputs, force=force)
     read = make_phantom() if is_phantom else read_labels(image)
@@ -79,9 +80,7 @@ def mesh_label_image(
         time_left=time_left,
         progress=lambda line: say(units.in_case_units(line)),
     )
-    scaled = TetMesh(
-        mesh.points * 1e3, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups
-    )
+    scaled = TetMesh(mesh.points * 1e3, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups)
     write_mesh(output, scaled, groups=True)
     quality = measure_quality(mesh)
     print(

@@ -118,11 +118,10 @@ def test_facets_that_touch_a_label_that_is_not_meshed_are_a_group() -> None:
     outer = {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()}
     assert {tuple(row) for row in np.sort(facets, axis=1).tolist()} < outer
     assert mesh.volume == pytest.approx(48e-9, rel=0.01)  # 3 x 4 x 4 voxels
+    labels[4, :, :] = 0
+    apart = LabelImage(labels, np.eye(4))
     with pytest.raises(InputError, match="wall far: touches none"):
-        labels[4, :, :] = 0
-        mesh_labels(
-            LabelImage(labels, np.eye(4)), {1: "liver"}, walls={5: "far"}, progress=lambda _: None
-        )
+        mesh_labels(apart, {1: "liver"}, walls={5: "far"}, progress=lambda _: None)
 
 
 @pytest.mark.parametrize("second", [(3, 3, 2), (3, 3, 3)])
