@@ -29,8 +29,6 @@ from palpate.reference.supports import NodeFrames
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
 LARGEST_DIRECT = 15_000
-# With tools: multigrid for a force on one leaves `press` without an error bar of the force.
-LARGEST_DIRECT_WITH_CONTACT = 150_000
 # Up to this size a matrix for which multigrid fails is factored instead: about 3 GB.
 LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
@@ -108,8 +106,6 @@ class LinearSolver:
         space: Displacements, whose nodes that this rank owns are the unknowns, three each.
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
         frames: Nodes whose unknowns are along axes of their own; None where there are none.
-        has_contact: Whether contact stiffens some nodes along one direction: Jacobi's smoother
-            then needs a wider bound of the eigenvalues.
         is_always_direct: Factor also where multigrid would be cheaper: for tangents that need not
             be positive definite.
         num_multipliers: Number of unknowns besides displacements (pressures), each a negative pivot
@@ -122,7 +118,6 @@ class LinearSolver:
         *,
         is_symmetric: bool,
         frames: NodeFrames | None = None,
-        has_contact: bool = False,
         is_always_direct: bool = False,
         num_multipliers: int = 0,
     ) -> None:
@@ -132,10 +127,8 @@ class LinearSolver:
         self._fixed_below = np.zeros(0, dtype=np.int32)
         num_nodes = space.num_global_blocks
         self._is_symmetric = is_symmetric
-        self._has_contact = has_contact
         self._num_multipliers = num_multipliers
-        most = LARGEST_DIRECT_WITH_CONTACT if has_contact else LARGEST_DIRECT
-        is_small = is_always_direct or 3 * num_nodes < most
+        is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
@@ -321,14 +314,11 @@ class LinearSolver:
         # The stopping norm must be that of the true residual, which the outer loop relies on.
         if self._is_symmetric:
             ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        # Smooth up to this multiple of the estimated largest eigenvalue. Contact adds k n n^T
-        # at single nodes: up to 3 over its diagonal, which the few steps of the estimate miss.
-        bounds = "0,0.2,0,3.0" if self._has_contact else "0,0.1,0,1.1"
         if self._space.degree == 1:
             ksp.getPC().setType("gamg")
-            set_options(aggregation_options(_OPTIONS, 3, bounds))
+            set_options(aggregation_options(_OPTIONS, 3))
         else:
-            set_options(smoother_options(_OPTIONS, 2, bounds))
+            set_options(smoother_options(_OPTIONS, 2))
         ksp.setFromOptions()
         return ksp
 

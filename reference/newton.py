@@ -95,7 +95,7 @@ class Newton:
         )
         self._is_prepared = False
         # The matrix of `solve_again` with its fixed rows, and its PETSc object state at that time.
-        self._again: tuple[Any, int] | None = None
+        self._again: tuple[Any, int] = (None, 0)
 
     @property
     def linear_solver(self) -> str:
@@ -107,7 +107,6 @@ class Newton:
         return LinearSolver(
             eq.space,
             is_symmetric=is_symmetric,
-            has_contact=bool(eq.contacts),
             num_multipliers=eq.num_pressures,
             frames=eq.frames,
         )
@@ -116,24 +115,33 @@ class Newton:
         """Free the memory of the linear solver at once."""
         self._linear.destroy()
 
-    def solve_again(self, displacement: Floats, rhs: Floats, *, tolerance: float) -> Floats:
+    def solve_again(
+        self, displacement: Floats, rhs: Floats, *, tolerance: float, near: Floats | None = None
+    ) -> Floats:
         """Solve K x = rhs, x = 0 at fixed entries, with the factors or multigrid of the last solve.
 
-        K is that of the equilibrium that was found last; `tolerance` is of an iterative solver.
+        K is that of the equilibrium that was found last. `tolerance` is of an iterative solver,
+        over the residual of `near`, which is 0 at fixed entries: an approximation that has what
+        is stiff in rhs, beside which the residual of the rest would be small from the beginning.
 
         Raises:
             LinearSolveError: No finite solution was found.
         """
         fixed = self._discrete.fixed.dofs
-        if self._again is not None and self._again[0].stateGet() == self._again[1]:
-            return self._linear.solve_once_more(self._again[0], rhs, fixed, tolerance=tolerance)
-        matrix = self._discrete.tangent(displacement, 1.0)
-        nothing = np.zeros(len(fixed))
-        found = self._linear.solve(
-            matrix, rhs, fixed, nothing, tolerance=tolerance, is_same_matrix=True
-        )
-        self._again = matrix, matrix.stateGet()
-        return found
+        matrix, state = self._again
+        is_known = matrix is not None and matrix.stateGet() == state
+        if not is_known:
+            matrix = self._discrete.tangent(displacement, 1.0)
+        left = rhs if near is None else rhs - fenicsx.product(matrix, near)
+        if is_known:
+            found = self._linear.solve_once_more(matrix, left, fixed, tolerance=tolerance)
+        else:
+            nothing = np.zeros(len(fixed))
+            found = self._linear.solve(
+                matrix, left, fixed, nothing, tolerance=tolerance, is_same_matrix=True
+            )
+            self._again = matrix, matrix.stateGet()
+        return found if near is None else near + found
 
     def linearise(self, displacement: Floats) -> Floats | None:
         """Approximate first Newton step to the full load; None if the tangent is singular."""

@@ -235,21 +235,24 @@ def _stress(solved: Solved, part: Part | None) -> Any:
     return inside * ufl.inner(discrete.stress, discrete.stress) * dx
 
 
-def _of_tools(solved: Solved) -> Floats:
+def _of_tools(solved: Solved) -> tuple[Floats, Floats]:
     """Derivative of the forces on the tools, each along itself, over the largest [1/m].
 
     Its dual is the displacement by a motion of the tools by one metre against those forces together
-    with the points in contact: the force is the derivative of the energy by the tools' poses.
+    with the points in contact: the force is the derivative of the energy by the tools' poses. That
+    displacement of the points in contact alone, over the largest force, comes second [1/N]: the
+    penalties that resist it are a hundred times stiffer than the body.
     """
     discrete, u = solved.discrete, solved.found.displacement
     forces = [np.array(tool.forces[-1]) for tool in solved.state.tools]
     largest = max((float(np.linalg.norm(force)) for force in forces), default=0.0)
-    gradient = np.zeros(discrete.num_dofs)
+    gradient, moved = np.zeros(discrete.num_dofs), np.zeros(discrete.num_dofs)
     for contact, force in zip(discrete.contacts, forces, strict=True):
         size = float(np.linalg.norm(force))
         if size > 0.0:
             gradient += contact.derivative_of_force(u, force / size) / largest
-    return gradient
+            moved[contact.pressed_dofs(u)] = force / size / largest
+    return gradient, moved
 
 
 # Derivatives of the goals; for a norm that of its square.
@@ -321,8 +324,11 @@ def worst_of(errors: Sequence[Floats]) -> Floats:
     return parts * (max(float(e.sum()) for e in errors) / whole) if whole > 0.0 else parts
 
 
-def _gradient(solved: Solved, key: Key) -> Floats:
-    """Relative derivative of the functional of a key by the unknowns of this rank, flat."""
+def _gradient(solved: Solved, key: Key) -> tuple[Floats, Floats | None]:
+    """Relative derivative of the functional of a key by the unknowns of this rank, flat.
+
+    With it a displacement near the dual, where one is known.
+    """
     discrete = solved.discrete
     if isinstance(key, PointValue | AlongChange):
         space = discrete.space
@@ -331,7 +337,7 @@ def _gradient(solved: Solved, key: Key) -> Floats:
         here = (dofs >= 0) & (dofs < space.num_blocks)
         nodal = np.zeros((space.num_blocks, 3))
         nodal[dofs[here]] = forces[here]
-        return discrete.from_nodal(nodal.ravel())
+        return discrete.from_nodal(nodal.ravel()), None
     quantity, part = key
     if quantity is Quantity.TOOL_FORCE:
         return _of_tools(solved)
@@ -344,7 +350,7 @@ def _gradient(solved: Solved, key: Key) -> Floats:
         scale = scale_of(quantity, solved.case_mesh, part, solved.state)
     along = ufl.TestFunction(discrete.unknown.function_space)
     form = fenicsx.form(discrete.derivative(functional, along))
-    return discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))
+    return discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0)), None
 
 
 def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
@@ -369,10 +375,14 @@ def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
     duals = {}
     for key in keys:
         discrete.set_displacement(found.displacement)
-        gradient = _gradient(solved, key)
+        gradient, near = _gradient(solved, key)
         gradient[discrete.fixed.dofs] = 0.0
+        if near is not None:
+            near[discrete.fixed.dofs] = 0.0
         try:
-            dual = found.newton.solve_again(found.displacement, gradient, tolerance=_DUAL_TOLERANCE)
+            dual = found.newton.solve_again(
+                found.displacement, gradient, tolerance=_DUAL_TOLERANCE, near=near
+            )
         except LinearSolveError:
             dual = found.displacement
         duals[key] = discrete.of_displacement(dual)

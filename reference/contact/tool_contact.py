@@ -475,6 +475,11 @@ class ToolContact:
         changes = self.points.loads(self._penalty * rates)[:, None] * distance.normal
         return self.points.at_nodes(changes + stiffness @ direction, self._num_dofs)
 
+    def pressed_dofs(self, displacement: Floats) -> Indices:
+        """Displacements of the nodes whose constraints press on the tool, shape (n, 3)."""
+        pressed = self.points.areas * self._tractions(self._distance(displacement)) > 0.0
+        return self.points.dofs[np.isin(self.points.constraints, np.flatnonzero(pressed))]
+
     def _stiffness(
         self, displacement: Floats, distance: Distance
     ) -> tuple[Floats, NDArray[np.bool_]]:

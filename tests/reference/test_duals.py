@@ -9,11 +9,13 @@ from bank import fixed, support
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.field_norms import l2_gradient, l2_norm
 from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.reference.adaptivity.goals import Goal, Quantity
 from palpate.reference.availability import is_available
 from palpate.reference.result import Formulation
 
 if is_available():
+    from palpate.reference import linear_solver
     from palpate.reference.adaptivity.duals import (
         AlongChange,
         PointValue,
@@ -63,6 +65,34 @@ def test_loads_on_a_dual_are_what_the_dual_is_of(box, formulation, nu, slides):
     # Nothing before it: the whole displacement, along itself, over itself.
     assert work_of_loads(case, duals[norm]) == pytest.approx(1.0, rel=1e-6)
     case.found.destroy()
+
+
+def test_a_dual_under_a_tool_is_the_same_by_multigrid_and_by_factors(box, monkeypatch):
+    """Penalties are a hundred times stiffer than the body, along a normal that is not an axis.
+
+    A residual over that of the whole right-hand side was small once the nodes in contact were met,
+    the body unmoved: the dual of the tool's force had three times its gradient's error, and the
+    force had no bar. Smoothed by the diagonal alone, 60 iterations were needed for three digits.
+    """
+    mesh = box((6, 6, 3), (1.0, 1.0, 0.5))
+    top, bottom = mesh.facet_groups["z1"], mesh.facet_groups["z0"]
+    way = np.array([[0.45, 0.55, 1.2], [0.45, 0.55, 1.14]])
+    ball = RigidTool(SphereShape(0.7), ToolPath(np.arange(2.0), way), contact_facets=top)
+    problem = Problem(mesh, Material(3000.0, 0.4), (fixed(bottom),), (), tools=(ball,))
+    key = (Quantity.TOOL_FORCE, None)
+    found = {}
+    for largest in (10**6, 0):
+        monkeypatch.setattr(linear_solver, "LARGEST_DIRECT", largest)
+        equilibrium = find_equilibrium(problem, strain=Strain.GREEN, degree=2)
+        case = Solved(equilibrium, equilibrium.result(), None, mesh, np.arange(mesh.num_cells))
+        linear = equilibrium.newton._linear
+        found[largest] = solve_duals(case, [key])[key]
+        assert ("multigrid" in linear.name) == (largest == 0)
+        # Of blocks with an exact level below, to three digits.
+        assert linear._ksp.getIterationNumber() <= 20
+        equilibrium.destroy()
+    apart = np.linalg.norm(found[0] - found[10**6])
+    assert apart < 0.003 * np.linalg.norm(found[10**6])
 
 
 def test_the_points_looked_at_are_where_it_moved_most_and_where_it_is_rough(box):
