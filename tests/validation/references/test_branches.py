@@ -239,7 +239,7 @@ def test_eigenvalues_are_as_exact_as_their_distance_from_one_asks_for(largest):
 
 @pytest.mark.dolfinx
 def test_a_body_that_is_far_from_a_critical_load_takes_few_solves(monkeypatch):
-    """The modes of a bar in tension are alike: three digits that nobody asks for took 17 920 solves."""
+    """Modes of a bar in tension are alike: digits that nobody asks for took 17 920 solves."""
     found = find_equilibrium(column(-0.5, count=24), strain=GREEN, degree=2)
     once, solves = LinearSolver.solve_once_more, []
 
