@@ -6,6 +6,7 @@ Input that cannot be used raises palpate.meshes.errors.InputError instead.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import signal
 
@@ -70,9 +71,12 @@ class ReferenceNotConvergedError(ReferenceFailedError):
             x, y, z = self.position.tolist()
             place_text = f"({x:.4g}, {y:.4g}, {z:.4g}) m"
             where = f", smallest principal stretch {smallest_stretch:.3f} at {place_text}"
+        found = f"equilibrium up to {load_factor:.3f} of the load and none beyond"
+        if math.isnan(load_factor):
+            found = "no equilibrium near the given state"
         super().__init__(
-            f"the reference found equilibrium up to {load_factor:.3f} of the load and none beyond: "
-            f"{reason} (smallest det F there {smallest_det_f:.3g}{where}); lower the load"
+            f"the reference found {found}: {reason} (smallest det F there "
+            f"{smallest_det_f:.3g}{where}); lower the load"
         )
 
 

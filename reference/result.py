@@ -141,6 +141,8 @@ class ReferenceResult:
 
 # Beginning of `AdaptiveResult.ended` where a finer mesh has no equilibrium: nothing has a limit.
 LOST = "no equilibrium on the next mesh"
+# How the reason begins where the equilibrium on a mesh is none of the body without a mesh.
+YIELDS = "the law has lost its resistance to compression"
 
 
 @dataclass(frozen=True, eq=False)

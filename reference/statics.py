@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,10 +15,11 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import require_drive_of_statics
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_path import follow_tools, go_on_at_end, press
+from palpate.reference.contact.tool_path import EXACT, follow_tools, go_on_at_end, press
 from palpate.reference.deformed_state import (
     DetFSampler,
     find_smallest_stretch,
+    least_moduli,
     measure_state,
     measure_stresses,
     support_forces,
@@ -29,6 +31,11 @@ from palpate.reference.mixed_form import MixedProblem
 from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import Formulation, ReferenceResult
 from palpate.reference.tasks import Progress, say_nothing
+
+_SPENT = (
+    "in cells of that state Saint-Venant-Kirchhoff has lost its resistance to compression, and "
+    "finer meshes yield there: press less deep, or take a law that stiffens"
+)
 
 
 def solve_static(
@@ -62,7 +69,9 @@ def solve_static(
             under mpirun.
         start: Displacement at the mesh's points near an equilibrium [m], shape (num_points, 3).
             The equilibrium nearby is sought first, and is returned if it exists even where there
-            are several. If there is none, or for None, the loads are raised from zero.
+            are several. If there is none, or for None, the loads are raised from zero; not under
+            tools where the law's least modulus there is not above 0 (see `least_moduli`) and
+            equilibria are asked for less exactly than to 1e-8.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -212,7 +221,15 @@ def find_equilibrium(
     # For other degrees the internal forces would be those of the kinks between linear cells.
     knows_forces = start is not None and degree == 1
     path = None if near is None else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
-    if path is None or (path.reason and (discrete.contacts or start is not None)):
+    is_spent = (
+        start is not None
+        and path is not None
+        and relative_tolerance > EXACT
+        and _is_spent(discrete, near, path)
+    )
+    if path is not None and is_spent:
+        path = dataclasses.replace(path, reason=f"{path.reason}; {_SPENT}")
+    elif path is None or (path.reason and (discrete.contacts or start is not None)):
         for contact in discrete.contacts:
             contact.begin()
         path = _follow(discrete, sampler, newton, tell)
@@ -220,13 +237,23 @@ def find_equilibrium(
     is_inverted = discrete.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
     if reason or not np.isfinite(path.displacement).all():
-        reached = path.load_factors[-1] if path.load_factors else 0.0
+        reached = path.load_factors[-1] if path.load_factors else math.nan if is_spent else 0.0
         where = find_smallest_stretch(discrete, path.displacement)
         nodal = discrete.at_points(path.displacement)
         newton.destroy()
         discrete.destroy()
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
     return Equilibrium(problem, discrete, newton, path, smallest_det_f)
+
+
+def _is_spent(discrete: DiscreteProblem, near: Floats | None, path: Outcome) -> bool:
+    """Whether a body under tools has no equilibrium near a state in which its law gives way.
+
+    The way of the tools would end there as well, after minutes.
+    """
+    if near is None or not (path.reason and discrete.contacts):
+        return False
+    return discrete.strain is Strain.GREEN and float(least_moduli(discrete, near).min()) <= 0.0
 
 
 def _near(

@@ -17,7 +17,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import LocallyRefined, refine_cells
-from palpate.meshes.tet_mesh import signed_volumes
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.adaptivity.duals import (
     GradientRecovery,
@@ -26,11 +26,16 @@ from palpate.reference.adaptivity.duals import (
     solve_duals,
     worst_of,
 )
-from palpate.reference.adaptivity.error_bars import error_bars, goes_towards_inversion
+from palpate.reference.adaptivity.error_bars import (
+    error_bar_of_two,
+    error_bars,
+    goes_towards_inversion,
+)
 from palpate.reference.adaptivity.first_mesh import first_mesh
 from palpate.reference.adaptivity.goals import (
     Budget,
     Goal,
+    Judged,
     Quantity,
     difference,
     has_limit,
@@ -41,7 +46,7 @@ from palpate.reference.branches import find_stability
 from palpate.reference.deformed_state import least_moduli
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.result import LOST, AdaptiveResult, Formulation, ReferenceResult
+from palpate.reference.result import LOST, YIELDS, AdaptiveResult, Formulation, ReferenceResult
 from palpate.reference.statics import Equilibrium, find_equilibrium
 from palpate.reference.tasks import Progress, say_nothing
 
@@ -58,6 +63,7 @@ class History:
         self._goals = tuple(goals)
         self._names = tuple(goal.called for goal in goals)
         self._last: ReferenceResult | None = None
+        self._is_singular = False
         self.stability = math.nan, math.nan
         self.meshes: list[dict[str, Any]] = []
 
@@ -86,7 +92,7 @@ class History:
         }
         self.meshes.append(mesh)
         self._last = state
-        is_singular = has_point_forces(problem, state)
+        self._is_singular = has_point_forces(problem, state)
         # The first mesh has no difference.
         series = {
             name: (
@@ -101,7 +107,7 @@ class History:
         )
         mesh["bars"] = [
             bars[goal.called]
-            if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+            if has_limit(goal.quantity, state.strain, has_point_forces=self._is_singular)
             and not (is_softening and goal.quantity.is_of_points)
             else math.inf
             for goal in self._goals
@@ -129,6 +135,26 @@ class History:
         """A message if every bar is small enough, else an empty text."""
         pairs = zip(self.meshes[-1]["bars"], self._goals, strict=True)
         return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
+
+    def decides(self, judged: Sequence[Judged], mesh: TetMesh) -> str:
+        """A message if no finer mesh would change on which side of its limits anybody is.
+
+        Bars of two meshes are those that a truth of two has, `error_bar_of_two`.
+        """
+        last = self.meshes[-1]
+        if not judged or self._last is None or len(self.meshes) < 2:
+            return ""
+        bars = {goal.quantity: last["bars"][k] for k, goal in enumerate(self._goals)}
+        if len(self.meshes) == 2 and not self._is_singular:
+            estimates = zip(*(of["estimates"] for of in self.meshes), strict=True)
+            bars = {
+                goal.quantity: error_bar_of_two(apart, both)
+                for goal, apart, both in zip(
+                    self._goals, last["differences"], estimates, strict=True
+                )
+            }
+        is_decided = all(one.is_decided(mesh, self._last, bars) for one in judged)
+        return "every verdict is certain" if is_decided else ""
 
     def line(self) -> str:
         """A line of progress for the last mesh."""
@@ -180,6 +206,7 @@ def solve_adaptively(
     formulation: Formulation = Formulation.DISPLACEMENT,
     relative_tolerance: float = 1e-10,
     start: Points | None = None,
+    judged: Sequence[Judged] = (),
     progress: Progress | None = None,
 ) -> AdaptiveResult:
     """Find equilibrium on meshes that are refined where the goals' error comes from.
@@ -203,6 +230,8 @@ def solve_adaptively(
         relative_tolerance: See `solve_static`.
         start: See `solve_static`; at the case's points. If given, the first mesh is fine enough for
             the tools where their paths end, and for the springs: see `first_mesh`.
+        judged: Other solutions: no finer mesh is solved where bars decide on all of them, or where
+            the law has lost its resistance in a cell.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -275,7 +304,9 @@ def solve_adaptively(
             history.stability = find_stability(found)
         history.add(problem, found, state, errors, began)
         tell(history.line())
-        end = history.met()
+        end = history.met() or history.decides(judged, problem.mesh)
+        if judged and not end:
+            end = _yields(found)
         if not end:
             wrong = _together(errors, history.needs())
             marked = _marked(last, wrong, SOFTENED[tries])
@@ -305,6 +336,23 @@ def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[
         is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
         rest = np.where(is_soft[cells].any(axis=1), 0.0, wrong)
     return mark_bulk(rest, BULK) if rest.any() else np.zeros(len(cells), dtype=bool)
+
+
+def _yields(found: Equilibrium) -> str:
+    """Why an equilibrium on a mesh is held by the mesh alone; empty where that is not known.
+
+    Where a law is not rank-one convex no equilibrium of the body is stable (Hadamard's condition:
+    Marsden and Hughes, section 5.1), and finer meshes give way there.
+    """
+    if found.discrete.strain is not Strain.GREEN:
+        return ""
+    least = float(least_moduli(found.discrete, found.displacement).min())
+    if least > 0.0:
+        return ""
+    return (
+        f"{YIELDS}: its least modulus in the body is {least:.2g} of that at rest, and the mesh "
+        "alone keeps those cells from giving way; press less deep, or take a law that stiffens"
+    )
 
 
 def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:

@@ -25,6 +25,10 @@ from palpate.reference.contact.tool_distance import tool_distance
 _COARSEST = 0.43
 # Facets nearer than this, in units of the tool's radius, may come into contact.
 _NEAR = 0.15
+# The same over the radius of the surface in contact, (R d)^(1/2) for a tool that is pressed in by d:
+# the first meshes of a slab had one facet there, and their displacements went apart before they
+# settled.
+_COARSEST_IN_CONTACT = 0.5
 # Each round halves the edges.
 _MOST_ROUNDS = 4
 
@@ -62,8 +66,15 @@ def _too_coarse(problem: Problem, moved: Points) -> NDArray[np.bool_]:
             continue
         pose = tool.path.pose_at(float(tool.path.times[-1]))
         gaps = tool_distance(tool.shape, *pose, seen.reshape(-1, 3)).gap.reshape(len(facets), -1)
-        is_near = gaps.min(axis=1) < _NEAR * radius
-        allowed[is_near] = np.minimum(allowed[is_near], _COARSEST * radius)
+        at_rest = tool_distance(tool.shape, *pose, mesh.points[np.unique(facets)]).gap
+        depth = min(max(0.0, -float(at_rest.min())), radius)
+        least = gaps.min(axis=1)
+        for reach, size in (
+            (_NEAR * radius, _COARSEST * radius),
+            (min(_NEAR * radius, depth), _COARSEST_IN_CONTACT * math.sqrt(radius * depth)),
+        ):
+            is_near = least < reach
+            allowed[is_near] = np.minimum(allowed[is_near], size)
     for spring in problem.springs:
         attached = spring.facets[spring.weights(mesh.points[spring.facets]).any(axis=1)]
         is_attached = _rows_in(facets, attached)

@@ -8,7 +8,9 @@ nodal forces are V P grad N with the linear shape functions N of the case's poin
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -139,6 +141,42 @@ class Goal:
     def called(self) -> str:
         """Its name in the result."""
         return self.name or str(self.quantity)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Another solution, which is to be within some distance of the reference.
+
+    Attributes:
+        displacement: At the points of the case's mesh [m], (num_points, 3).
+        tool_forces: Forces on the tools at the end of their paths [N], (num_tools, 3).
+        limits: Largest relative distance that is allowed, by quantity [-]: of
+            Quantity.DISPLACEMENT_L2 and Quantity.TOOL_FORCE.
+    """
+
+    displacement: Points
+    tool_forces: Points
+    limits: Mapping[Quantity, float]
+
+    def is_decided(
+        self, mesh: TetMesh, state: ReferenceResult, bars: Mapping[Quantity, float]
+    ) -> bool:
+        """Whether a state with error bars decides on which side of the limits it is.
+
+        It is outside where one distance is, whatever the others are, and inside where all are.
+        Without limits there is nothing to be decided.
+        """
+        tools = tuple(
+            dataclasses.replace(tool, forces=(*tool.forces[:-1], tuple(force.tolist())))
+            for tool, force in zip(state.tools, self.tool_forces, strict=False)
+        )
+        own = dataclasses.replace(state, displacement=self.displacement, tools=tools)
+        off = {q: difference(Goal(q, math.inf), mesh, state, own) for q in self.limits}
+        if any(off[q] - bars.get(q, math.inf) > limit for q, limit in self.limits.items()):
+            return True
+        return bool(off) and all(
+            off[q] + bars.get(q, math.inf) <= x for q, x in self.limits.items()
+        )
 
 
 @dataclass(frozen=True)

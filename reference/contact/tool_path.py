@@ -40,7 +40,7 @@ _SOFTER, _STIFFER = (0.1, 1.0, 1.0, 1.0), (100.0, 1.0)
 _ROUGHLY = 1e-3
 # Where equilibria are asked for less exactly than this, the end of the path that can be borne is
 # found to the second: to the first it takes hundreds of iterations.
-_EXACT, _ROUGH_STEP = 1e-8, 1.0 / 64.0
+EXACT, _ROUGH_STEP = 1e-8, 1.0 / 64.0
 # A node is assumed to enter a box on a straight line: steps are short, in units of facet size.
 _REACH_OF_BOXES = 0.05
 # In long steps a node would pass through a round tool, or far round it: in units of its radius.
@@ -178,7 +178,7 @@ def follow_tools(
             name=f"tools from {before:g} to {knot:g},",
             few_iterations=_FEW_ITERATIONS,
             largest_step=_largest_step(contacts, before, knot),
-            smallest_step=SMALLEST_STEP if newton.relative_tolerance <= _EXACT else _ROUGH_STEP,
+            smallest_step=SMALLEST_STEP if newton.relative_tolerance <= EXACT else _ROUGH_STEP,
             progress=progress,
         )
         u, reason, residual = path.displacement, path.reason, path.relative_residual

@@ -29,7 +29,7 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-from palpate.reference.result import LOST
+from palpate.reference.result import LOST, YIELDS
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_references import truth_request
@@ -37,7 +37,7 @@ from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.live.poses import PoseOfPane, at_rest, read_pose
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
-from palpate.validation.references.adaptive_truth import ADAPTIVE
+from palpate.validation.references.adaptive_truth import ADAPTIVE, Judged, whole_metrics
 from palpate.validation.references.geometry import with_geometry
 from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, ReferenceSet
 from palpate.validation.references.reference_set import SAME_MESH as LINEAR
@@ -111,7 +111,7 @@ def true_references(
     """Solve the truth under Green strain from the last such pose; it joins the known references.
 
     Raises:
-        ReferenceFailedError: There is none, or the tool never touches its body.
+        ReferenceFailedError: There is none, the tool never touches its body, or the law yields.
     """
     request = truth_request(case)
     resting = [pane for pane in panes if pane.strain is Strain.GREEN and not pane.why]
@@ -122,7 +122,12 @@ def true_references(
         case.problem,
         progress,
         request=replace(
-            request, seconds=min(request.seconds, _SECONDS), start=start, residual=_RESIDUAL
+            request,
+            seconds=min(request.seconds, _SECONDS),
+            start=start,
+            residual=_RESIDUAL,
+            judged=tuple(_judged(case, pane) for pane in panes if not pane.why),
+            has_others=False,
         ),
         has_stress=False,
         strains=(Strain.GREEN,),
@@ -136,6 +141,9 @@ def true_references(
             or "the reference found no equilibrium"
         )
         raise ReferenceFailedError(why)
+    record = found.provenance.get(ADAPTIVE, {}).get(Strain.GREEN.value, {})
+    if record.get("ended", "").startswith(YIELDS):
+        raise ReferenceFailedError(record["ended"])
     if case.problem.tools and not np.any(truth.displacement):
         raise ReferenceFailedError(
             "nothing of its mesh reaches the tool (P2 touches with the middles of edges); take a "
@@ -145,6 +153,13 @@ def true_references(
     return with_geometry(
         case, found, progress, strains=(Strain.GREEN,), request=request, seconds=_OF_GEOMETRY
     )
+
+
+def _judged(case: Case, pane: PoseOfPane) -> Judged:
+    """A pane with the limits of the case's checks against the truth."""
+    own = [spec for spec in case.checks if spec.against == "truth"]
+    limits = {s.metric: s.limit for s in own if s.metric in whole_metrics(case.problem)}
+    return Judged(pane.displacement, pane.force[None], limits)
 
 
 def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import LOST, AdaptiveResult, formulation_for
 from palpate.validation.metrics import WHOLE_BODY_METRICS, Part, stress_integrals
@@ -34,6 +34,18 @@ def whole_metrics(problem: Problem) -> tuple[str, ...]:
     return (*WHOLE_BODY_METRICS, *(["tool_force"] if problem.tools else []))
 
 
+class Judged(NamedTuple):
+    """A solution that is judged by a truth alone.
+
+    Displacement at the case's points [m], (num_points, 3); forces on the tools [N], (num_tools, 3);
+    largest relative distances that are allowed, by metric.
+    """
+
+    displacement: Points
+    tool_forces: Floats
+    limits: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class TruthRequest:
     """What a stored truth has to reach, and the budget for it.
@@ -49,6 +61,9 @@ class TruthRequest:
             bars as small.
         start: See `solve_adaptively`.
         residual: Relative residual of the equilibria [-].
+        judged: Solutions that it is solved for alone: where its bars decide on them, it ends.
+        has_others: Whether metrics of which no bar is asked have one all the same, which takes
+            their duals.
     """
 
     bar: float = 0.005
@@ -59,6 +74,8 @@ class TruthRequest:
     parts: Mapping[Strain, Sequence[tuple[str, Part]]] = field(default_factory=dict)
     start: Points | None = None
     residual: float = 1e-10
+    judged: tuple[Judged, ...] = ()
+    has_others: bool = True
 
     def tolerance(self, metric: str, strain: Strain) -> float:
         """The bar asked of a metric; where nothing is checked, twice that of displacement."""
@@ -119,7 +136,12 @@ def refine_truth(
 
     progress(f"{TRUTH}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
     whole = (*whole_metrics(problem), ENERGY)
-    goals = [Goal(Quantity(name), request.tolerance(name, strain)) for name in whole]
+    tolerances = {name: request.tolerance(name, strain) for name in whole}
+    goals = [
+        Goal(Quantity(name), tolerance)
+        for name, tolerance in tolerances.items()
+        if request.has_others or math.isfinite(tolerance)
+    ]
     for name, part in request.named_parts(strain).items():
         # Of validation's part what the reference knows of.
         own = goals_of.Part(np.unique(part.cells), part.weights, part.support)
@@ -132,6 +154,14 @@ def refine_truth(
         formulation_for(problem, DEGREE),
         relative_tolerance=request.residual,
         start=request.start,
+        judged=tuple(
+            goals_of.Judged(
+                one.displacement,
+                one.tool_forces,
+                {Quantity(name): limit for name, limit in one.limits.items()},
+            )
+            for one in request.judged
+        ),
     )
     # The budget is respected by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)

@@ -355,7 +355,7 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
     if len(found.num_cells) < 2 and not is_lost:
         return {}
     if len(found.num_cells) != 2 or is_lost:
-        return {metric: found.bar(metric) for metric in whole_metrics(problem)}
+        return {m: found.bar(m) for m in whole_metrics(problem) if m in found.quantities}
     bars = {
         name: error_bar_of_two(float(found.differences[-1, k]), found.estimates[:, k].tolist())
         for k, name in enumerate(found.quantities)
