@@ -192,8 +192,8 @@ def find_equilibrium(
         formulation: See `solve_static`.
         element: See `solve_static`.
         guess: Unknowns near the equilibrium, flat, from which alone it is sought; with tools also
-            along their paths, if that fails or the equilibrium depends on the path. For None the
-            load is raised from zero.
+            along their paths, if that fails or the equilibrium depends on the path, except as for
+            `start`. For None the load is raised from zero.
         start: See `solve_static`; given instead of a guess.
         progress: Called with one line of text now and then.
 
@@ -221,12 +221,7 @@ def find_equilibrium(
     # For other degrees the internal forces would be those of the kinks between linear cells.
     knows_forces = start is not None and degree == 1
     path = None if near is None else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
-    is_spent = (
-        start is not None
-        and path is not None
-        and relative_tolerance > EXACT
-        and _is_spent(discrete, near, path)
-    )
+    is_spent = path is not None and relative_tolerance > EXACT and _is_spent(discrete, near, path)
     if path is not None and is_spent:
         path = dataclasses.replace(path, reason=f"{path.reason}; {_SPENT}")
     elif path is None or (path.reason and (discrete.contacts or start is not None)):

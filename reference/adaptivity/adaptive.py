@@ -230,8 +230,9 @@ def solve_adaptively(
         relative_tolerance: See `solve_static`.
         start: See `solve_static`; at the case's points. If given, the first mesh is fine enough for
             the tools where their paths end, and for the springs: see `first_mesh`.
-        judged: Other solutions: no finer mesh is solved where bars decide on all of them, or where
-            the law has lost its resistance in a cell.
+        judged: Other solutions: no finer mesh is solved where bars decide on all of them, and no
+            other one is tried where the next has no equilibrium and the law has lost its resistance
+            in a cell of the last.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -286,6 +287,9 @@ def solve_adaptively(
             if last is None or state is None or refined is None:
                 raise
             tell(f"no equilibrium on {current.mesh.num_cells} cells: {error.reason}")
+            if judged and (why := _yields(last)):
+                history.lose_limit()
+                return history.result(state, why, first)
             tries += 1
             if strain is Strain.LINEAR or tries == len(SOFTENED):
                 history.lose_limit()
@@ -305,8 +309,6 @@ def solve_adaptively(
         history.add(problem, found, state, errors, began)
         tell(history.line())
         end = history.met() or history.decides(judged, problem.mesh)
-        if judged and not end:
-            end = _yields(found)
         if not end:
             wrong = _together(errors, history.needs())
             marked = _marked(last, wrong, SOFTENED[tries])
@@ -350,8 +352,8 @@ def _yields(found: Equilibrium) -> str:
     if least > 0.0:
         return ""
     return (
-        f"{YIELDS}: its least modulus in the body is {least:.2g} of that at rest, and the mesh "
-        "alone keeps those cells from giving way; press less deep, or take a law that stiffens"
+        f"{YIELDS}: its least modulus in the body is {least:.2g} of that at rest, and a finer mesh "
+        "gives way there; press less deep, or take a law that stiffens"
     )
 
 

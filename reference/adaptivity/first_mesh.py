@@ -25,9 +25,8 @@ from palpate.reference.contact.tool_distance import tool_distance
 _COARSEST = 0.43
 # Facets nearer than this, in units of the tool's radius, may come into contact.
 _NEAR = 0.15
-# The same over the radius of the surface in contact, (R d)^(1/2) for a tool that is pressed in by d:
-# the first meshes of a slab had one facet there, and their displacements went apart before they
-# settled.
+# The same over the radius of the surface in contact, (R d)^(1/2) for a tool pressed in by d: the
+# first meshes of a slab had one facet there, and displacements went apart before they settled.
 _COARSEST_IN_CONTACT = 0.5
 # Each round halves the edges.
 _MOST_ROUNDS = 4

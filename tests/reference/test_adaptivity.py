@@ -19,13 +19,14 @@ from palpate.reference.adaptivity.goals import (
     OF_PART,
     Budget,
     Goal,
+    Judged,
     Part,
     Quantity,
     difference,
 )
 from palpate.reference.availability import is_available
 from palpate.reference.child import run_task
-from palpate.reference.result import Formulation
+from palpate.reference.result import YIELDS, Formulation
 from palpate.reference.tasks import AdaptiveTask
 
 if is_available():
@@ -33,6 +34,8 @@ if is_available():
     from palpate.reference.statics import solve_static
 
 MATERIAL = Material(3000.0, 0.3, 1000.0)
+# Of a ball of 0.4 m in a slab of 1 m.
+DEEP = 0.3
 
 
 def clamped(mesh, material=MATERIAL, loads=None, inclusions=()):
@@ -202,6 +205,52 @@ def test_the_force_on_a_plate_that_presses_evenly_is_known_at_once(box):
     assert len(found.num_cells) == 3
     assert found.tools[0].forces[-1][2] == pytest.approx(0.1 * MATERIAL.youngs_modulus, rel=1e-8)
     assert found.bar("tool_force") <= 10.0 * SAFETY * NOISE
+
+
+@pytest.mark.dolfinx
+def test_it_ends_where_it_decides_on_what_is_judged(box):
+    mesh = box((2, 1, 1))
+    problem = pressed(mesh, SphereShape(1.0), 0.05, (support(mesh, "z0"),))
+    goals = [Goal(Quantity.DISPLACEMENT_L2, 1e-4), Goal(Quantity.TOOL_FORCE, 1e-4)]
+    budget = Budget(300.0, unknowns=3e4)
+    near = solve_static(problem, strain=Strain.LINEAR, degree=2)
+    force = np.array([near.tools[0].forces[-1]])
+    limits = {Quantity.DISPLACEMENT_L2: 0.05, Quantity.TOOL_FORCE: 0.05}
+
+    def solve(*judged):
+        return solve_adaptively(problem, goals, budget=budget, strain=Strain.LINEAR, judged=judged)
+
+    far = Judged(3.0 * near.displacement, force, limits)
+    found = solve(far)
+    assert found.ended == "every verdict is certain"
+    assert found.bar("displacement_l2") > 1e-4
+    # Another one of the same on the edge of its limit is not decided by the same meshes.
+    off = difference(
+        goals[0], mesh, found, dataclasses.replace(found, displacement=near.displacement)
+    )
+    on_edge = Judged(near.displacement, force, {Quantity.DISPLACEMENT_L2: off})
+    assert len(solve(far, on_edge).num_cells) > len(found.num_cells)
+    # Without limits nothing is asked.
+    assert solve(Judged(near.displacement, force, {})).ended != found.ended
+
+
+@pytest.mark.dolfinx
+def test_where_the_law_gives_way_no_other_mesh_is_tried_for_what_is_judged(box):
+    """A small ball pressed deep: on few cells there is an equilibrium, of the mesh alone."""
+    mesh = box((4, 4, 2), (2.0, 2.0, 1.0))
+    problem = pressed(mesh, SphereShape(0.4), DEEP, (support(mesh, "z0"),))
+    goals = [Goal(Quantity.DISPLACEMENT_L2, 0.01)]
+    judged = (Judged(np.zeros_like(mesh.points), np.zeros((1, 3)), {}),)
+    lines = []
+    found = solve_adaptively(
+        problem, goals, judged=judged, relative_tolerance=1e-6, progress=lines.append
+    )
+    assert found.ended.startswith(YIELDS)
+    assert math.isinf(found.bar("displacement_l2"))
+    # The next mesh is tried from nearby alone, and once.
+    assert sum(line.startswith("no equilibrium on") for line in lines) == 1
+    last = max(k for k, line in enumerate(lines) if line.startswith("mesh "))
+    assert not any(line.startswith("tools from") for line in lines[last:])
 
 
 @pytest.mark.nightly

@@ -70,12 +70,22 @@ def test_the_mesh_is_cut_in_the_patch_of_a_spring(box):
 
 
 def test_a_mesh_that_is_fine_enough_is_left(box):
-    mesh = box((2, 2, 2))
+    mesh = box((6, 6, 6))
     problem = fixed(mesh, tools=(ball(3.0, 0.95),))
     same, there, case_cell = first_mesh(problem, mesh.points @ STRETCH)
     assert same is problem
     np.testing.assert_array_equal(there, mesh.points @ STRETCH)
     np.testing.assert_array_equal(case_cell, np.arange(mesh.num_cells))
+
+
+def test_a_shallow_dent_of_a_large_ball_has_some_facets_across(box):
+    """The first meshes of a slab had one: displacements went apart before they settled."""
+    mesh = box((2, 2, 2))
+    problem = fixed(mesh, tools=(ball(3.0, 0.95),))
+    finer, _, _ = first_mesh(problem, np.zeros_like(mesh.points))
+    dent = np.sqrt(3.0 * 0.05)
+    assert longest_edge(finer.mesh, ((0.5, 0.5, 1.0), 0.1)) <= 2.0 * 0.5 * dent
+    assert longest_edge(finer.mesh, ((0.5, 0.5, 0.0), 0.1)) > 0.49
 
 
 @pytest.mark.dolfinx
