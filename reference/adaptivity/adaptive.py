@@ -187,6 +187,7 @@ class History:
 
 # Fraction of the estimated error in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal.
 # 33, 1996). Less gives better meshes in more steps; more gives a rate that is easier to see.
+LEAST_PART = 0.1
 BULK = 0.6
 # Cells below this stiffness over that at rest, see `least_moduli`, are not cut; the next value is
 # taken where a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved:
@@ -358,11 +359,16 @@ def _yields(found: Equilibrium) -> str:
 
 
 def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
-    """The smallest set of cells that has a part, in (0, 1], of the total of errors >= 0."""
+    """The cells of largest errors >= 0 that have a part, in (0, 1], of their total.
+
+    They are at least LEAST_PART of all cells: where the error is that of one edge, the mesh would
+    hardly grow, and its differences and estimates not fall enough for a bar (`error_bars`).
+    """
     order = np.argsort(-errors, kind="stable")
     sums = np.cumsum(errors[order])
     marked = np.zeros(len(errors), dtype=bool)
-    marked[order[: int(np.searchsorted(sums, part * sums[-1])) + 1]] = True
+    count = max(int(np.searchsorted(sums, part * sums[-1])) + 1, int(LEAST_PART * len(errors)))
+    marked[order[:count]] = errors[order[:count]] > 0.0
     return marked
 
 
