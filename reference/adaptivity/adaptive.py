@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import itertools
 import math
 import sys
 import time
@@ -114,6 +115,13 @@ class History:
         ]
         mesh["seconds"] = time.perf_counter() - began
 
+    @property
+    def least_part(self) -> float:
+        """The least part of all cells that is cut next, see LEAST_GROWTH."""
+        cells = [mesh["num_cells"] for mesh in self.meshes]
+        is_slow = any(b < LEAST_GROWTH * a for a, b in itertools.pairwise(cells))
+        return LEAST_PART if is_slow else 0.0
+
     def lose_limit(self) -> None:
         """Set all bars to infinity, because a finer mesh has no equilibrium."""
         self.meshes[-1]["bars"] = [math.inf] * len(self._goals)
@@ -187,8 +195,11 @@ class History:
 
 # Fraction of the estimated error in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal.
 # 33, 1996). Less gives better meshes in more steps; more gives a rate that is easier to see.
-LEAST_PART = 0.1
 BULK = 0.6
+# Once a mesh has less than this times the cells of the one before, at least this part of all cells
+# is cut each time: where the error is that of one edge, differences and estimates would not fall
+# enough for a bar (`error_bars`).
+LEAST_GROWTH, LEAST_PART = 1.5, 0.1
 # Cells below this stiffness over that at rest, see `least_moduli`, are not cut; the next value is
 # taken where a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved:
 # in confined compression 0.3 becomes 0, and strains of softened cells grow by more.
@@ -296,7 +307,8 @@ def solve_adaptively(
                 history.lose_limit()
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end, first)
-            refined = refine_cells(last.problem, _marked(last, wrong, SOFTENED[tries]))
+            marked = _marked(last, wrong, SOFTENED[tries], history.least_part)
+            refined = refine_cells(last.problem, marked)
             current = refined.problem
             continue
         case_cell = case_cell if refined is None else case_cell[refined.given_cell]
@@ -312,7 +324,7 @@ def solve_adaptively(
         end = history.met() or history.decides(judged, problem.mesh)
         if not end:
             wrong = _together(errors, history.needs())
-            marked = _marked(last, wrong, SOFTENED[tries])
+            marked = _marked(last, wrong, SOFTENED[tries], history.least_part)
             refined = refine_cells(current, marked)
             end = (
                 _too_much(history, refined, allowed, time.perf_counter() - begin, base)
@@ -328,8 +340,13 @@ def solve_adaptively(
         current = refined.problem
 
 
-def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[np.bool_]:
-    """Cells to be cut: the bulk of the error, without softened cells and their neighbours."""
+def _marked(
+    found: Equilibrium, wrong: Floats, least_modulus: float, least_part: float
+) -> NDArray[np.bool_]:
+    """Cells to be cut: the bulk of the error, without softened cells and their neighbours.
+
+    They are at least a part of all cells, [0, 1].
+    """
     cells = found.problem.mesh.cells
     rest = wrong
     # Other laws stiffen in compression.
@@ -338,7 +355,9 @@ def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[
         is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
         is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
         rest = np.where(is_soft[cells].any(axis=1), 0.0, wrong)
-    return mark_bulk(rest, BULK) if rest.any() else np.zeros(len(cells), dtype=bool)
+    if not rest.any():
+        return np.zeros(len(cells), dtype=bool)
+    return mark_bulk(rest, BULK, least=int(least_part * len(cells)))
 
 
 def _yields(found: Equilibrium) -> str:
@@ -358,16 +377,12 @@ def _yields(found: Equilibrium) -> str:
     )
 
 
-def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
-    """The cells of largest errors >= 0 that have a part, in (0, 1], of their total.
-
-    They are at least LEAST_PART of all cells: where the error is that of one edge, the mesh would
-    hardly grow, and its differences and estimates not fall enough for a bar (`error_bars`).
-    """
+def mark_bulk(errors: Floats, part: float, *, least: int = 1) -> NDArray[np.bool_]:
+    """The fewest cells, but at least a number, that have a part, (0, 1], of all errors >= 0."""
     order = np.argsort(-errors, kind="stable")
     sums = np.cumsum(errors[order])
     marked = np.zeros(len(errors), dtype=bool)
-    count = max(int(np.searchsorted(sums, part * sums[-1])) + 1, int(LEAST_PART * len(errors)))
+    count = max(int(np.searchsorted(sums, part * sums[-1])) + 1, least)
     marked[order[:count]] = errors[order[:count]] > 0.0
     return marked
 

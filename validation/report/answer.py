@@ -52,15 +52,17 @@ def quantity_of(check: CheckResult) -> str:
 def amount_of(check: CheckResult) -> str:
     """The error beside what is allowed, as "11 % (allowed: 10 %)".
 
-    The truth's own bar stands there only where it is why nothing can be decided, to its second
-    digit: else "5.3 % ± 0.3 %" would look as if it were above 5 %.
+    The truth's own bar stands there where it is why nothing can be decided, to its second digit, or
+    where it is more than a third of the error: else "5.3 % ± 0.3 %" would look as if it were above
+    5 %.
     """
     scale, unit = (100.0, "%") if check.unit == "-" else (1.0, check.unit)
     value, bar = scale * (check.value or 0.0), scale * check.reference_error
     allowed = f"(allowed: {scale * check.limit:.2g} {unit})"
     if not math.isfinite(bar):
         return f"{value:.2g} {unit} ± an unknown error of the truth {allowed}"
-    if check.verdict is not Verdict.INCONCLUSIVE or bar <= 0.0:
+    is_small = 3.0 * bar <= value and check.verdict is not Verdict.INCONCLUSIVE
+    if is_small or bar <= 0.0:
         return f"{value:.2g} {unit} {allowed}"
     digits = max(0, 1 - math.floor(math.log10(bar)))
     return f"{value:.{digits}f} {unit} ± {bar:.{digits}f} {unit} {allowed}"
