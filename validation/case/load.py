@@ -239,6 +239,13 @@ def load_cases(names: Sequence[str]) -> list[Case]:
     return cases
 
 
+@dataclass(frozen=True)
+class NearTool:
+    """A mesh that is refined where tools press, to edges of a length [m], or one that follows."""
+
+    edge: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A case file that was read; mesh and problem are built when first asked for.
@@ -250,6 +257,7 @@ class Case:
         other_law: A law that the body follows instead of the case's own; see `under`.
         other_contact: Where contact is on every tool instead of where the case says; see
             `with_contact`.
+        near_tool: Whether, and how, the mesh is refined where tools press; see `near_tools`.
     """
 
     path: Path
@@ -257,16 +265,18 @@ class Case:
     text: str
     other_law: Law | None = None
     other_contact: ContactRule | None = None
+    near_tool: NearTool | None = None
 
     @property
     def name(self) -> str:
-        """The file's name without its ending; law and contact where they are not the file's."""
-        return "-".join(filter(None, (self.path.stem, self.other_law, self.other_contact)))
+        """The file's name without its ending, and law, contact and mesh that are not the file's."""
+        finer = None if self.near_tool is None else "near-tool"
+        return "-".join(filter(None, (self.path.stem, self.other_law, self.other_contact, finer)))
 
     @property
     def is_changed(self) -> bool:
-        """Whether law or contact is not the file's, for which no reference is stored."""
-        return self.other_law is not None or self.other_contact is not None
+        """Whether law, contact or mesh is not the file's, for which no reference is stored."""
+        return any((self.other_law, self.other_contact, self.near_tool))
 
     def under(self, law: Law) -> Case:
         """The same case of a body with the same moduli at rest that follows another law.
@@ -295,6 +305,20 @@ class Case:
             raise InputError(f"{self.path.name} has no [tool], whose contact could be at {rule}")
         is_same = all(tool.contact is rule for tool in self.spec.tool)
         return self if is_same else replace(self, other_contact=rule)
+
+    def near_tools(self, edge: float | None = None) -> Case:
+        """The same case on its mesh with small cells where tools press.
+
+        Args:
+            edge: Length of edges there [m]; where None, half of the radius of contact, see
+                `palpate.fastsim.grading.near_tools`.
+
+        Raises:
+            InputError: The case has no tool.
+        """
+        if not self.spec.tool:
+            raise InputError(f"{self.path.name} has no [tool], near which cells could be refined")
+        return replace(self, near_tool=NearTool(edge))
 
     @property
     def folder(self) -> Path:
@@ -335,6 +359,18 @@ class Case:
     def called(self) -> str:
         """What it is called on the command line: by its name, or its file."""
         return self.name if self.is_builtin else self.file
+
+    @property
+    def mesh_origin(self) -> str:
+        """A line on who made the mesh, and what it became near tools."""
+        if self.near_tool is None:
+            return self.mesh.origin
+        edge = self.near_tool.edge
+        wanted = "half of the radius of contact" if edge is None else f"{1e3 * edge:g} mm"
+        return (
+            f"{self.mesh.origin}; refined near tools to edges of {wanted}, from "
+            f"{self.mesh.mesh.num_cells} to {self.problem.mesh.num_cells} cells"
+        )
 
     @property
     def title(self) -> str:
@@ -381,6 +417,10 @@ class Case:
             if self.other_contact is not None:
                 tools = (replace(tool, contact=self.other_contact) for tool in problem.tools)
                 problem = replace(problem, tools=tuple(tools))
+            if self.near_tool is not None:
+                from palpate.fastsim.grading.near_tools import refine_near_tools
+
+                problem = refine_near_tools(problem, self.near_tool.edge)
             for number, check in enumerate(self.checks, 1):
                 if check.at is not None:
                     point_at(problem.mesh, check.at, units, f"check {number}")

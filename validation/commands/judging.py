@@ -30,6 +30,8 @@ from palpate.validation.commands.options import (
     Force,
     GrantedPrecision,
     Live,
+    NearTool,
+    NearToolEdge,
     OneCase,
     OptionalCases,
     OptionalFile,
@@ -38,6 +40,7 @@ from palpate.validation.commands.options import (
     TimeLimit,
     ToldIterations,
     is_condensed,
+    near_tool_metres,
     print_lines,
     progress_lines,
 )
@@ -83,6 +86,8 @@ def gate(
     iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
     device: Device = "cpu",
+    near_tool: NearTool = False,
+    near_tool_edge: NearToolEdge = None,
     metamorphic: Annotated[
         bool, typer.Option(help="judge by relations that need no reference")
     ] = False,
@@ -161,7 +166,10 @@ def gate(
         if is_wrong:
             raise InputError(why)
     loaded = load_cases(QUICK if quick else builtin_cases() if every else names or ())
-    loaded = _as_asked(loaded, law, contact, is_judged=versus is None)
+    loaded = _as_asked(
+        loaded, law, contact, near_tool=near_tool, near_tool_edge=near_tool_edge,
+        is_judged=versus is None,
+    )  # fmt: skip
     if is_expected:
         _require_builtin(loaded)
     require_outputs(
@@ -187,7 +195,11 @@ def gate(
             merge_candidates([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
             for c in loaded
         ]
-    elif simulator is None and fault is Fault.NONE and not (live or law or contact):
+    elif (
+        simulator is None
+        and fault is Fault.NONE
+        and not (live or any(c.is_changed for c in loaded))
+    ):
         results = judge_cases(loaded, candidates, precision=precision, progress=progress)
     else:
         results = [
@@ -225,6 +237,8 @@ def report(
     time_step: AskedTimeStep = None,
     iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
+    near_tool: NearTool = False,
+    near_tool_edge: NearToolEdge = None,
     expected: Expected = False,
     pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
     figures: Annotated[
@@ -253,7 +267,10 @@ def report(
         )
     if pdf:
         require_browser()
-    loaded = _as_asked(load_cases(names or builtin_cases()), law, contact)
+    loaded = _as_asked(
+        load_cases(names or builtin_cases()),
+        law, contact, near_tool=near_tool, near_tool_edge=near_tool_edge,
+    )  # fmt: skip
     if expected:
         _require_builtin(loaded)
     if len(loaded) > 1 and any(case.name == "index" for case in loaded):
@@ -373,9 +390,11 @@ def _as_asked(
     laws: Sequence[Law] | None,
     contact: ContactRule | None,
     *,
+    near_tool: bool = False,
+    near_tool_edge: float | None = None,
     is_judged: bool = True,
 ) -> list[Case]:
-    """The cases under each law, and with the contact, that the caller asks for.
+    """The cases under each law, with the contact and on the mesh that the caller asks for.
 
     Raises:
         InputError: A case that cannot be under them.
@@ -384,6 +403,9 @@ def _as_asked(
     from palpate.reference.availability import require_available
 
     found = [case if contact is None else case.with_contact(contact) for case in cases]
+    if near_tool or near_tool_edge is not None:
+        edge = near_tool_metres(near_tool_edge)
+        found = [case.near_tools(edge) for case in found]
     if laws:
         found = [case.under(one) for case in found for one in dict.fromkeys(laws)]
     if is_judged and any(case.is_changed for case in found):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -32,6 +33,17 @@ def is_condensed(simulator: Simulator) -> bool:
     if simulator is Simulator.REFERENCE:
         raise InputError("--with reference: the reference is no candidate; take fastsim's engines")
     return simulator is Simulator.CONDENSED
+
+
+def near_tool_metres(edge: float | None) -> float | None:
+    """The length of --near-tool-edge in metres.
+
+    Raises:
+        InputError: It is not above 0.
+    """
+    if edge is not None and not (math.isfinite(edge) and edge > 0.0):
+        raise InputError(f"--near-tool-edge {edge:g}: needs a finite length above 0, in mm")
+    return None if edge is None else edge * 1e-3
 
 
 def complete_case(incomplete: str) -> list[str]:
@@ -88,6 +100,17 @@ Device = Annotated[
         help="of fastsim's explicit steps: cpu is the compiled core; cuda:0 or warp:cpu need the "
         "extra gpu"
     ),
+]
+NearTool = Annotated[
+    bool,
+    typer.Option(
+        "--near-tool",
+        help="a mesh with small cells where tools press; the reference is solved here",
+    ),
+]
+NearToolEdge = Annotated[
+    float | None,
+    typer.Option(help="length of edges there in mm; else half of the radius of contact"),
 ]
 ElementOfResult = Annotated[
     Element | None, typer.Option(help="that the result is judged by; default: linear")

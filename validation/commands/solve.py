@@ -16,10 +16,13 @@ from palpate.validation.commands.options import (
     Device,
     ElementOfResult,
     Force,
+    NearTool,
+    NearToolEdge,
     OneCase,
     OptionalFile,
     ResultFile,
     StrainOfCase,
+    near_tool_metres,
     print_lines,
     progress_lines,
     write_json,
@@ -27,9 +30,10 @@ from palpate.validation.commands.options import (
 from palpate.validation.output_files import input_files, require_outputs
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import ExitCode, Method, State
+from palpate.validation.states import ExitCode, Method
 
 if TYPE_CHECKING:
+    from palpate.meshes.arrays import Points
     from palpate.reference.result import Audit
     from palpate.validation.candidates.candidate import Candidate
     from palpate.validation.case import Case
@@ -73,6 +77,8 @@ def solve(
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,
     device: Device = "cpu",
+    near_tool: NearTool = False,
+    near_tool_edge: NearToolEdge = None,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="another number of the case; repeatable"),
@@ -83,6 +89,7 @@ def solve(
 
     Of a case with markers their motion is printed, with two standard uncertainties by its inputs.
     """
+    from palpate.fastsim.grading.near_tools import refine_near_tools
     from palpate.validation.case import load_case
     from palpate.validation.case.variants import read_settings, with_values
     from palpate.validation.exchange.result_files import require_written_kind, write_solution
@@ -93,6 +100,11 @@ def solve(
     if set_:
         loaded = with_values(loaded, read_settings(set_))
     problem, used = loaded.problem, strain or loaded.strain
+    edge = near_tool_metres(near_tool_edge)
+    if near_tool or edge is not None:
+        if simulator is not Simulator.FASTSIM:
+            raise InputError("--near-tool is of fastsim's mesh: leave out --with")
+        problem = refine_near_tools(problem, edge)
     state = solve_problem(
         problem,
         with_=simulator,
@@ -105,15 +117,15 @@ def solve(
         progress=progress_lines(),
     )
     if loaded.spec.marker:
-        _print_markers(loaded, state)
+        _print_markers(loaded, state.displacement[: loaded.problem.mesh.num_points])
     print(write_solution(output, problem, state))
 
 
-def _print_markers(case: Case, state: State) -> None:
+def _print_markers(case: Case, displacement: Points) -> None:
     from palpate.validation.judging.measured import predict_markers
 
     size, unit = case.spec.units.of("length")
-    for name, motion, uncertainty in predict_markers(case, state.displacement):
+    for name, motion, uncertainty in predict_markers(case, displacement):
         parts = (
             f"{axis} {m / size:.4g} +- {2.0 * u / size:.2g}"
             for axis, m, u in zip("xyz", motion, uncertainty, strict=True)

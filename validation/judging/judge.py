@@ -102,7 +102,7 @@ def judge_case(
     if not case.checks:
         raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
     progress(f"case {case.name}: {case.title}")
-    progress(f"mesh {case.mesh.origin}")
+    progress(f"mesh {case.mesh_origin}")
     given = fastsim_candidate() if candidate is None else candidate
     everybody = [given] if isinstance(given, Candidate) else list(given)
     for judged in everybody:
@@ -148,7 +148,7 @@ def _judge_one(
     from palpate.validation.references.geometry import geometry_notes
 
     problem, element, units = case.problem, judged.element, case.spec.units
-    notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
+    notes = [f"Mesh: {case.mesh_origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
     notes.extend(says_of_branches(references.provenance))
     notes.extend(geometry_notes(case, references))
@@ -416,7 +416,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         "case_file": case.file,
         "called": case.called,
         "mesh": {
-            "origin": case.mesh.origin,
+            "origin": case.mesh_origin,
             "num_points": mesh.num_points,
             "num_cells": mesh.num_cells,
             "smallest_dihedral_deg": quality.smallest_dihedral_deg,

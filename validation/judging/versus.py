@@ -80,7 +80,7 @@ def judge_versus(
         names = (f"{candidate.name} (first)", f"{other.name} (second)")
     solutions: list[State] = []
     failures: list[str] = []
-    notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
+    notes = [f"Mesh: {case.mesh_origin}.", f"{names[0]} against {names[1]}: no reference."]
     for each, name in zip((candidate, other), names, strict=True):
         notes.extend(each.notes)
         solution, failure = _solution(each, case, progress)
