@@ -25,6 +25,7 @@ from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.candidates.equations import AskedSteps, differences
 from palpate.validation.case import Case, load_case
+from palpate.validation.commands.options import near_tool_metres
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, CheckResult
