@@ -244,20 +244,22 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13630,
+        13740,
+        "issue 35: small cells near tools; "
         "issue 37: repairs by part, wraps both ways within their time; "
         "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        10990,
+        11000,
         "issue 35: contact over facets; issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose that is held, "
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        51690,
+        51780,
+        "issue 35: a case on small cells near tools; issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners, calibration; "
@@ -267,7 +269,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62340,
+        62350,
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
@@ -279,12 +281,14 @@ LINES = {
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
-        4170,
+        4210,
+        "issue 35: a case on small cells near tools; issue 37: coarser labels; "
         "issue 36: [[mass]], measurements, other values of a case; issue 37: label images; "
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2620,
+        2680,
+        "issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),
