@@ -258,8 +258,9 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        51780,
-        "issue 35: a case on small cells near tools; issue 37: coarser labels; "
+        52000,
+        "issue 35: small cells near tools, force that ripples while a tool slides; "
+        "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
         "issue 39: one cause of all deformations of a law, branches and corners, calibration; "
@@ -269,7 +270,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62350,
+        62510,
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files; contact over facets; "
@@ -312,7 +313,8 @@ LINES = {
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
-        4900,
+        5060,
+        "issue 35: force that ripples while a tool slides; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),

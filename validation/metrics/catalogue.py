@@ -17,7 +17,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics import comparison, motion, numbers, stress, validity
+from palpate.validation.metrics import comparison, motion, numbers, sliding, stress, validity
 from palpate.validation.metrics.difference import (
     Difference,
     are_measurable,
@@ -70,6 +70,7 @@ class Metric:
             read at the points does not carry it.
         needs_time: For cases with [time] only.
         needs_tools: For cases with tools only.
+        needs_slide: For motions in which a tool slides at constant depth only.
         where: Says of a candidate that fails when and by how much it leaves the reference.
     """
 
@@ -97,6 +98,7 @@ class Metric:
     has_limit_at_points: bool = False
     needs_same_mesh: bool = False
     needs_tools: bool = False
+    needs_slide: bool = False
     needs_time: bool = False
     where: Callable[[Problem, State, State], str] | None = None
 
@@ -126,9 +128,10 @@ class Metric:
         return self.error is not None or self.compare is not None
 
     def fits(self, problem: Problem) -> bool:
-        """Whether the problem has the time or the tools that the metric needs."""
+        """Whether the problem has the time, the tools or the slide that the metric needs."""
         has_time, has_tools = problem.time is not None, bool(problem.tools)
-        return (has_time or not self.needs_time) and (has_tools or not self.needs_tools)
+        has_all = (has_time or not self.needs_time) and (has_tools or not self.needs_tools)
+        return has_all and (not self.needs_slide or sliding.slides_a_tool(problem))
 
 
 _AXES = ("x", "y", "z")
@@ -236,6 +239,28 @@ _METRICS = (
         has_limit_at_points=True,
         has_moving_truth=True,
         needs_tools=True,
+    ),
+    Metric(
+        "force_ripple",
+        "range of the error of a tool's force while it slides at constant depth",
+        "mean force of the reference against the press; the result's is scaled to it",
+        sliding.force_ripple,
+        sliding.mean_force_of,
+        has_moving_truth=True,
+        needs_time=True,
+        needs_tools=True,
+        needs_slide=True,
+    ),
+    Metric(
+        "false_lateral_force",
+        "largest force along a slide at constant depth that is not there",
+        "mean force of the reference against the press; the result's is scaled to it",
+        sliding.false_lateral_force,
+        sliding.mean_force_of,
+        has_moving_truth=True,
+        needs_time=True,
+        needs_tools=True,
+        needs_slide=True,
     ),
     Metric(
         "strain_energy",

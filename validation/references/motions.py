@@ -308,9 +308,7 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
 
 def truth_metrics(problem: Problem) -> tuple[str, ...]:
     """Metrics that the truth of a motion has error bars for."""
-    return tuple(
-        name for name in MOVING_TRUTH_METRICS if problem.tools or not CATALOGUE[name].needs_tools
-    )
+    return tuple(name for name in MOVING_TRUTH_METRICS if CATALOGUE[name].fits(problem))
 
 
 def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridConvergence]:

@@ -40,7 +40,7 @@ def swinging(number: float | None = None, states: slice = slice(None)) -> State:
     shape[:, 1] = MESH.points[:, 0] ** 2
     shape[:, 0] = 0.3 * MESH.points[:, 0]
     fields = 0.05 * np.cos(2.0 * math.pi * TIMES)[:, None, None] * shape
-    forces = np.ones((1, 40, 3))
+    forces = np.ones((1, 41, 3))
     if number is not None:
         fields[states, END, 1] = number
         forces[0, 5, 1] = number
@@ -73,7 +73,8 @@ def verdict_of(name: str, candidate: State) -> Verdict:
     spec = CheckSpec.model_validate(reported)
     problem = PROBLEM
     if metric.needs_tools:
-        away = ToolPath(np.zeros(1), np.array([[0.0, 9.0, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
+        # Down, then along x: output 5, where the number is, is of the slide.
+        away = ToolPath([0.0, 0.1, 2.0], [[0.0, 9.0, 0.1], [0.0, 9.0, 0.0], [1.0, 9.0, 0.0]])
         problem = dataclasses.replace(PROBLEM, tools=(RigidTool(SphereShape(1.0), away),))
     if metric.read is not None:
         number = number_of(spec, problem, swinging(), Units())
