@@ -46,8 +46,8 @@ def refine_near_tools(problem: Problem, edge: float | None = None) -> Problem:
             path enters the body at rest. Farther away edges grow by half of the distance.
 
     Returns:
-        The problem on the finer mesh, the points of the given one first. A motion's step becomes 0.8
-        of the critical one.
+        The problem on the finer mesh, the points of the given one first. A motion's step becomes
+        0.8 of the critical one.
 
     Raises:
         InputError: No tool; one that a force drives, or that touches nothing at rest; without

@@ -67,7 +67,9 @@ def test_a_motion_takes_a_step_of_its_own() -> None:
 def test_what_cannot_be_refined_so_is_refused(press: Problem) -> None:
     (tool,) = press.tools
     without = dataclasses.replace(press, tools=())
-    away = dataclasses.replace(tool.path, positions=np.array(tool.path.positions) + [0.0, 0.0, 0.1])
+    lifted = np.array(tool.path.positions)
+    lifted[:, 2] += 0.1
+    away = dataclasses.replace(tool.path, positions=lifted)
     plane = dataclasses.replace(tool, shape=PlaneShape())
     for problem, words in (
         (without, "the problem has none"),
