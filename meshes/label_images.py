@@ -116,7 +116,7 @@ def coarsen(image: LabelImage, edge: float) -> LabelImage:
         InputError: A label that is thinner than these voxels would be lost.
     """
     if not (math.isfinite(edge) and edge > 0.0):
-        raise InputError(f"edge of a voxel {edge:g} mm: needs a finite value above 0")
+        raise InputError(f"voxel edge {edge:g} mm: needs a finite value above 0")
     counts = np.maximum(1, np.rint(edge / image.spacing)).astype(int)
     if (counts == 1).all():
         return image
@@ -125,17 +125,17 @@ def coarsen(image: LabelImage, edge: float) -> LabelImage:
     shape = [int(n) for pair in zip(blocks, counts, strict=True) for n in pair]
     fine = np.pad(image.labels, padding).reshape(shape)
     labels = np.zeros(blocks, np.int32)
-    present = np.unique(image.labels)
+    present = np.setdiff1d(image.labels, [0])
     most = (fine == 0).sum(axis=(1, 3, 5), dtype=np.int32)
-    for label in present[present > 0].tolist():
+    for label in present.tolist():
         share = (fine == label).sum(axis=(1, 3, 5), dtype=np.int32)
         labels[share > most] = label
         np.maximum(most, share, out=most)
     lost = np.setdiff1d(present, labels)
-    if lost[lost > 0].size:
+    if lost.size:
         size = " x ".join(f"{x:.3g}" for x in image.spacing * counts)
         raise InputError(
-            f"label(s) {first_of(lost[lost > 0].tolist(), 20)}: thinner than voxels of {size} mm, "
+            f"label(s) {first_of(lost.tolist(), 20)}: thinner than voxels of {size} mm, "
             "none of which they fill most of; use smaller ones"
         )
     affine = image.affine.copy()

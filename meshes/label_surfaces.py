@@ -176,15 +176,21 @@ def _change_one(work: NDArray[np.int32], at: tuple[int, ...], table: NDArray[np.
         work[best[1]] = best[2]
 
 
-def make_surfaces(image: LabelImage, fine: LabelImage | None = None) -> LabelSurfaces:
+def make_surfaces(
+    image: LabelImage,
+    fine: LabelImage | None = None,
+    *,
+    volumes: Mapping[int, float] | None = None,
+) -> LabelSurfaces:
     """Walls of all labels but 0.
 
     Args:
         image: Labels that touch themselves over faces alone; see `separate_touching`.
         fine: The image with finer voxels that this one was made of. Points then go to its walls,
-            by at most the shortest edge of a coarse voxel, volumes are its, and facets are those
-            of good angles there, which may cut each other with less smoothing. Otherwise points
-            move by at most half of the shortest edge.
+            by at most the shortest edge of a coarse voxel, and facets are those of good angles
+            there, which may cut each other with less smoothing. Otherwise points move by at most
+            half of the shortest edge.
+        volumes: Of the labels [mm3]; those of the voxels of `image` where not given.
 
     Raises:
         InputError: vtk is not installed.
@@ -227,17 +233,12 @@ def make_surfaces(image: LabelImage, fine: LabelImage | None = None) -> LabelSur
     found = LabelSurfaces(corners, smooth, triangles.astype(np.int32), sides, {}, most)
     if found.volume(present[0], corners) < 0.0:
         found = replace(found, facets=found.facets[:, ::-1].copy())
+    inside = {label: found.volume(label, corners) for label in present}
+    found = replace(found, volumes=inside if volumes is None else volumes)
     if fine is None:
-        return replace(found, volumes={label: found.volume(label, corners) for label in present})
-    voxel = float(np.prod(fine.spacing))
+        return found
     smooth, facets = _onto_walls(found, fine, most)
-    return replace(
-        found,
-        smooth=smooth,
-        facets=facets,
-        volumes={label: float((fine.labels == label).sum()) * voxel for label in present},
-        most=2.0 * most,
-    )
+    return replace(found, smooth=smooth, facets=facets, most=2.0 * most)
 
 
 def _onto_walls(found: LabelSurfaces, fine: LabelImage, width: float) -> tuple[Points, Indices]:

@@ -34,6 +34,29 @@ def signed_volumes(points: Points, cells: Indices) -> Floats:
     return volumes
 
 
+def outer_facets(cells: Indices, num_points: int) -> tuple[Indices, Indices]:
+    """Facets of one of the cells only, outward, (n, 3), and the row of that cell, (n,)."""
+    facets = cells[:, CELL_FACETS].reshape(-1, 3)
+    # Both cells of a facet give it the same smallest, middle and largest point.
+    a, b, c = (facets[:, k].astype(np.int64) for k in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    middle = a + b + c - low - high
+    # One whole number for two of the points; for all three where it fits 63 bits.
+    pair = middle * num_points + high
+    if num_points < 2**21:
+        key = low * num_points**2 + pair
+        order = np.argsort(key)
+        same = key[order[1:]] == key[order[:-1]]
+    else:
+        order = np.lexsort([pair, low])
+        same = (low[order[1:]] == low[order[:-1]]) & (pair[order[1:]] == pair[order[:-1]])
+    shared = np.zeros(len(facets), dtype=bool)
+    shared[order[1:][same]] = True
+    shared[order[:-1][same]] = True
+    rows = np.flatnonzero(~shared)
+    return np.ascontiguousarray(facets[rows]), (rows // 4).astype(np.int32)
+
+
 @dataclass(frozen=True, eq=False)
 class TetMesh:
     """A solid made of tetrahedra; checked on construction, immutable afterwards.
@@ -113,24 +136,7 @@ class TetMesh:
     @cached_property
     def boundary_facets(self) -> Indices:
         """Facets of one cell only, counter-clockwise seen from outside, shape (n, 3)."""
-        facets = self.cells[:, CELL_FACETS].reshape(-1, 3)
-        # Both cells of a facet give it the same smallest, middle and largest point.
-        a, b, c = (facets[:, k].astype(np.int64) for k in range(3))
-        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        middle = a + b + c - low - high
-        # One whole number for two of the points; for all three where it fits 63 bits.
-        pair = middle * self.num_points + high
-        if self.num_points < 2**21:
-            key = low * self.num_points**2 + pair
-            order = np.argsort(key)
-            same = key[order[1:]] == key[order[:-1]]
-        else:
-            order = np.lexsort([pair, low])
-            same = (low[order[1:]] == low[order[:-1]]) & (pair[order[1:]] == pair[order[:-1]])
-        shared = np.zeros(len(facets), dtype=bool)
-        shared[order[1:][same]] = True
-        shared[order[:-1][same]] = True
-        boundary: Indices = np.ascontiguousarray(facets[~shared])
+        boundary = outer_facets(self.cells, self.num_points)[0]
         boundary.setflags(write=False)
         return boundary
 

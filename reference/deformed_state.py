@@ -17,6 +17,7 @@ Note:
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,6 +86,17 @@ def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[floa
     least = fenicsx.smallest(found)
     # Where several ranks have the same smallest stretch, the position of the last one is taken.
     return least, last_offered(position, found == least)
+
+
+def least_modulus(body: ElasticBody, displacement: Floats) -> float:
+    """The smallest of `least_moduli`; infinite under linear strain, which loses nothing.
+
+    Where it is not above 0 no equilibrium of the body is stable (Hadamard's condition: Marsden and
+    Hughes, section 5.1): what a mesh has there, finer ones lose.
+    """
+    if body.strain is not Strain.GREEN:
+        return math.inf
+    return float(least_moduli(body, displacement).min())
 
 
 def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:

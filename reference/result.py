@@ -143,6 +143,7 @@ class ReferenceResult:
 LOST = "no equilibrium on the next mesh"
 # How the reason begins where the equilibrium on a mesh is none of the body without a mesh.
 YIELDS = "the law has lost its resistance to compression"
+REMEDY_OF_YIELD = "press less deep, or take a law that stiffens"
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from palpate.reference.contact.tool_path import EXACT, follow_tools, go_on_at_en
 from palpate.reference.deformed_state import (
     DetFSampler,
     find_smallest_stretch,
-    least_moduli,
+    least_modulus,
     measure_state,
     measure_stresses,
     support_forces,
@@ -29,12 +29,12 @@ from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.load_stepping import follow_load
 from palpate.reference.mixed_form import MixedProblem
 from palpate.reference.newton import Newton, Outcome
-from palpate.reference.result import Formulation, ReferenceResult
+from palpate.reference.result import REMEDY_OF_YIELD, Formulation, ReferenceResult
 from palpate.reference.tasks import Progress, say_nothing
 
 _SPENT = (
     "in cells of that state Saint-Venant-Kirchhoff has lost its resistance to compression, and "
-    "finer meshes yield there: press less deep, or take a law that stiffens"
+    f"finer meshes yield there: {REMEDY_OF_YIELD}"
 )
 
 
@@ -248,7 +248,7 @@ def _is_spent(discrete: DiscreteProblem, near: Floats | None, path: Outcome) -> 
     """
     if near is None or not (path.reason and discrete.contacts):
         return False
-    return discrete.strain is Strain.GREEN and float(least_moduli(discrete, near).min()) <= 0.0
+    return least_modulus(discrete, near) <= 0.0
 
 
 def _near(

@@ -13,7 +13,7 @@ from typing import ClassVar, Generic, TypeAlias, TypeVar
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference.adaptivity.goals import Budget, Goal, Judged
+from palpate.reference.adaptivity.goals import Budget, Goal, JudgedSolution
 from palpate.reference.result import (
     AdaptiveResult,
     Audit,
@@ -81,7 +81,7 @@ class AdaptiveTask(Task[AdaptiveResult]):
     formulation: Formulation = Formulation.DISPLACEMENT
     relative_tolerance: float = 1e-10
     start: Points | None = None
-    judged: tuple[Judged, ...] = ()
+    judged: tuple[JudgedSolution, ...] = ()
 
     function = "adaptivity.adaptive:solve_adaptively"
 

@@ -36,8 +36,8 @@ _EDGE, _PASSES = 1.4, 3
 _MOST_CUBES = 1_000_000
 # Cubes that a surface passes, of its area projected along the axes over a cube's side squared.
 _CUBES_PER_SIDE = 1.3
-# Parts shorter than this, of the spacing, are crumbs of the grid.
-_CRUMB = 3.0
+# Parts shorter than this, of the spacing, are left over by the grid and are no part of the body.
+_SHORTEST = 3.0
 # Spacing of a first wrap, over that of the second.
 _COARSER = 4.0
 
@@ -192,7 +192,7 @@ class _Watch:
 
 
 def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> TriSurface:
-    """The wrap on a grid, without crumbs and shells without volume; empty where it has no other."""
+    """The wrap on a grid, without parts shorter than three cubes; empty where it has no other."""
     made = _core.wrap_surface(points, np.ascontiguousarray(facets), spacing, _MOST_CUBES, watch)
     if made.is_too_fine:
         distance = spacing / _SPACING
@@ -203,12 +203,12 @@ def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> Tri
         )
     rows = made.facets
     if len(rows):
-        rows = rows[~loose_facets(made.points, rows, _CRUMB * spacing)]
+        rows = rows[~loose_facets(made.points, rows, _SHORTEST * spacing)]
     used, rows = np.unique(rows, return_inverse=True)
     grid = TriSurface(made.points[used], rows.reshape(-1, 3).astype(np.int32))
-    # The largest part is kept however short, but not where it is a crumb itself.
-    is_crumb = not len(rows) or np.ptp(grid.points, axis=0).max() < _CRUMB * spacing
-    return TriSurface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)) if is_crumb else grid
+    # `loose_facets` leaves the largest part however short it is.
+    is_short = not len(rows) or np.ptp(grid.points, axis=0).max() < _SHORTEST * spacing
+    return TriSurface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)) if is_short else grid
 
 
 def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> None:

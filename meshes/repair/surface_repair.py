@@ -198,7 +198,7 @@ def repair_surface(
 
 
 def _near_pairs(surface: TriSurface, near: float | None) -> Integers:
-    """Pairs of points to merge, shape (num_pairs, 2): a far crumb makes no distance larger."""
+    """Pairs of points to merge, shape (num_pairs, 2); distances are of the part, not of the box."""
     points = surface.points
     if near is not None or not surface.num_facets:
         return find_near_duplicates(points, near)

@@ -36,7 +36,7 @@ from palpate.reference.adaptivity.first_mesh import first_mesh
 from palpate.reference.adaptivity.goals import (
     Budget,
     Goal,
-    Judged,
+    JudgedSolution,
     Quantity,
     difference,
     has_limit,
@@ -44,10 +44,17 @@ from palpate.reference.adaptivity.goals import (
     softens,
 )
 from palpate.reference.branches import find_stability
-from palpate.reference.deformed_state import least_moduli
+from palpate.reference.deformed_state import least_moduli, least_modulus
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.result import LOST, YIELDS, AdaptiveResult, Formulation, ReferenceResult
+from palpate.reference.result import (
+    LOST,
+    REMEDY_OF_YIELD,
+    YIELDS,
+    AdaptiveResult,
+    Formulation,
+    ReferenceResult,
+)
 from palpate.reference.statics import Equilibrium, find_equilibrium
 from palpate.reference.tasks import Progress, say_nothing
 
@@ -144,7 +151,7 @@ class History:
         pairs = zip(self.meshes[-1]["bars"], self._goals, strict=True)
         return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
 
-    def decides(self, judged: Sequence[Judged], mesh: TetMesh) -> str:
+    def decides(self, judged: Sequence[JudgedSolution], mesh: TetMesh) -> str:
         """A message if no finer mesh would change on which side of its limits anybody is.
 
         Bars of two meshes are those that a truth of two has, `error_bar_of_two`.
@@ -218,7 +225,7 @@ def solve_adaptively(
     formulation: Formulation = Formulation.DISPLACEMENT,
     relative_tolerance: float = 1e-10,
     start: Points | None = None,
-    judged: Sequence[Judged] = (),
+    judged: Sequence[JudgedSolution] = (),
     progress: Progress | None = None,
 ) -> AdaptiveResult:
     """Find equilibrium on meshes that are refined where the goals' error comes from.
@@ -355,25 +362,17 @@ def _marked(
         is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
         is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
         rest = np.where(is_soft[cells].any(axis=1), 0.0, wrong)
-    if not rest.any():
-        return np.zeros(len(cells), dtype=bool)
     return mark_bulk(rest, BULK, least=int(least_part * len(cells)))
 
 
 def _yields(found: Equilibrium) -> str:
-    """Why an equilibrium on a mesh is held by the mesh alone; empty where that is not known.
-
-    Where a law is not rank-one convex no equilibrium of the body is stable (Hadamard's condition:
-    Marsden and Hughes, section 5.1), and finer meshes give way there.
-    """
-    if found.discrete.strain is not Strain.GREEN:
-        return ""
-    least = float(least_moduli(found.discrete, found.displacement).min())
+    """Why an equilibrium exists by its mesh alone; empty where that is not known."""
+    least = least_modulus(found.discrete, found.displacement)
     if least > 0.0:
         return ""
     return (
         f"{YIELDS}: its least modulus in the body is {least:.2g} of that at rest, and a finer mesh "
-        "gives way there; press less deep, or take a law that stiffens"
+        f"gives way there; {REMEDY_OF_YIELD}"
     )
 
 

@@ -144,7 +144,7 @@ class Goal:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedSolution:
     """Another solution, which is to be within some distance of the reference.
 
     Attributes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -147,9 +146,7 @@ def mesh_labels(
             return None
 
     for of in (None,) if fine is None else (fine, None):
-        surfaces = make_surfaces(clean, of)
-        if fine is not None:
-            surfaces = replace(surfaces, volumes=volumes)
+        surfaces = make_surfaces(clean, of, volumes=None if fine is None else volumes)
         part = np.ones(len(surfaces.corners))
         for _ in range(_ATTEMPTS):
             mesh = attempt(surfaces, part)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import TYPE_CHECKING
 
@@ -51,8 +50,6 @@ def mesh_label_image(
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
     if time_limit is not None and not time_limit > 0.0:
         raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")
-    if voxel_edge is not None and not (math.isfinite(voxel_edge) and voxel_edge > 0.0):
-        raise InputError(f"--voxel-edge {voxel_edge:g}: needs a finite value above 0")
     names, around = PHANTOM, PHANTOM_WALLS
     if not is_phantom or labels:
         names = parse_labels(labels)

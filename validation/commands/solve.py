@@ -30,10 +30,9 @@ from palpate.validation.commands.options import (
 from palpate.validation.output_files import input_files, require_outputs
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import ExitCode, Method
+from palpate.validation.states import ExitCode, Method, State
 
 if TYPE_CHECKING:
-    from palpate.meshes.arrays import Points
     from palpate.reference.result import Audit
     from palpate.validation.candidates.candidate import Candidate
     from palpate.validation.case import Case
@@ -89,7 +88,6 @@ def solve(
 
     Of a case with markers their motion is printed, with two standard uncertainties by its inputs.
     """
-    from palpate.fastsim.grading.near_tools import refine_near_tools
     from palpate.validation.case import load_case
     from palpate.validation.case.variants import read_settings, with_values
     from palpate.validation.exchange.result_files import require_written_kind, write_solution
@@ -99,12 +97,12 @@ def solve(
     require_outputs({"--output": output}, inputs=input_files([loaded]), force=force)
     if set_:
         loaded = with_values(loaded, read_settings(set_))
-    problem, used = loaded.problem, strain or loaded.strain
     edge = near_tool_metres(near_tool_edge)
     if near_tool or edge is not None:
         if simulator is not Simulator.FASTSIM:
             raise InputError("--near-tool is of fastsim's mesh: leave out --with")
-        problem = refine_near_tools(problem, edge)
+        loaded = loaded.near_tools(edge)
+    problem, used = loaded.problem, strain or loaded.strain
     state = solve_problem(
         problem,
         with_=simulator,
@@ -117,15 +115,15 @@ def solve(
         progress=progress_lines(),
     )
     if loaded.spec.marker:
-        _print_markers(loaded, state.displacement[: loaded.problem.mesh.num_points])
+        _print_markers(loaded, state)
     print(write_solution(output, problem, state))
 
 
-def _print_markers(case: Case, displacement: Points) -> None:
+def _print_markers(case: Case, state: State) -> None:
     from palpate.validation.judging.measured import predict_markers
 
     size, unit = case.spec.units.of("length")
-    for name, motion, uncertainty in predict_markers(case, displacement):
+    for name, motion, uncertainty in predict_markers(case, state.displacement):
         parts = (
             f"{axis} {m / size:.4g} +- {2.0 * u / size:.2g}"
             for axis, m, u in zip("xyz", motion, uncertainty, strict=True)

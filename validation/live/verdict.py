@@ -28,6 +28,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.reference.adaptivity.goals import JudgedSolution, Quantity
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import LOST, YIELDS
 from palpate.validation.case import Case, load_case
@@ -37,7 +38,7 @@ from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.live.poses import PoseOfPane, at_rest, read_pose
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
-from palpate.validation.references.adaptive_truth import ADAPTIVE, Judged, whole_metrics
+from palpate.validation.references.adaptive_truth import ADAPTIVE, whole_metrics
 from palpate.validation.references.geometry import with_geometry
 from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, ReferenceSet
 from palpate.validation.references.reference_set import SAME_MESH as LINEAR
@@ -155,11 +156,11 @@ def true_references(
     )
 
 
-def _judged(case: Case, pane: PoseOfPane) -> Judged:
+def _judged(case: Case, pane: PoseOfPane) -> JudgedSolution:
     """A pane with the limits of the case's checks against the truth."""
     own = [spec for spec in case.checks if spec.against == "truth"]
-    limits = {s.metric: s.limit for s in own if s.metric in whole_metrics(case.problem)}
-    return Judged(pane.displacement, pane.force[None], limits)
+    limits = {Quantity(s.metric): s.limit for s in own if s.metric in whole_metrics(case.problem)}
+    return JudgedSolution(pane.displacement, pane.force[None], limits)
 
 
 def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:

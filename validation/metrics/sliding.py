@@ -1,4 +1,4 @@
-"""What a hand feels of the mesh while a tool slides: a force that ripples, and one that holds back.
+"""What a hand feels of the mesh while a tool slides: force that ripples, and false lateral force.
 
 A tool is pressed in along the first leg of its path and slides where it goes on at right angles to
 that, at constant depth. Forces are the means from output to output. Each is divided by its own mean

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import LOST, AdaptiveResult, formulation_for
 from palpate.validation.metrics import WHOLE_BODY_METRICS, Part, stress_integrals
@@ -21,6 +21,9 @@ from palpate.validation.references.bars import NOISE, name_of_part
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.runs import state_of, stresses_of
 from palpate.validation.states import Progress, State
+
+if TYPE_CHECKING:
+    from palpate.reference.adaptivity.goals import JudgedSolution
 
 DEGREE = 2
 # Key of the record of such a truth in a file's provenance.
@@ -32,18 +35,6 @@ ENERGY = "strain_energy"
 def whole_metrics(problem: Problem) -> tuple[str, ...]:
     """Metrics that have a bar for every body as a whole, and for the tools on it."""
     return (*WHOLE_BODY_METRICS, *(["tool_force"] if problem.tools else []))
-
-
-class Judged(NamedTuple):
-    """A solution that is judged by a truth alone.
-
-    Displacement at the case's points [m], (num_points, 3); forces on the tools [N], (num_tools, 3);
-    largest relative distances that are allowed, by metric.
-    """
-
-    displacement: Points
-    tool_forces: Floats
-    limits: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -74,7 +65,7 @@ class TruthRequest:
     parts: Mapping[Strain, Sequence[tuple[str, Part]]] = field(default_factory=dict)
     start: Points | None = None
     residual: float = 1e-10
-    judged: tuple[Judged, ...] = ()
+    judged: tuple[JudgedSolution, ...] = ()
     has_others: bool = True
 
     def tolerance(self, metric: str, strain: Strain) -> float:
@@ -154,14 +145,7 @@ def refine_truth(
         formulation_for(problem, DEGREE),
         relative_tolerance=request.residual,
         start=request.start,
-        judged=tuple(
-            goals_of.Judged(
-                one.displacement,
-                one.tool_forces,
-                {Quantity(name): limit for name, limit in one.limits.items()},
-            )
-            for one in request.judged
-        ),
+        judged=request.judged,
     )
     # The budget is respected by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)

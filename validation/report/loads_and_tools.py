@@ -250,7 +250,12 @@ def inclusions_of(problem: Problem) -> list[DrawnInclusion]:
 
 
 # Colours of inclusions in 3-D: unlike those of supports, loads, tools and of the scales.
-INSIDE = ((0.48, 0.31, 0.64), (0.85, 0.42, 0.1), (0.1, 0.5, 0.45), (0.75, 0.2, 0.5))
+_INSIDE = ((0.48, 0.31, 0.64), (0.85, 0.42, 0.1), (0.1, 0.5, 0.45), (0.75, 0.2, 0.5))
+
+
+def inside_colour(number: int) -> tuple[float, float, float]:
+    """The colour of an inclusion by its number from 0: red, green, blue."""
+    return _INSIDE[number % len(_INSIDE)]
 
 
 def inclusion_names(problem: Problem, tables: Mapping[str, Any]) -> list[str]:
@@ -275,7 +280,7 @@ def inclusion_legend(
         (
             f"{name}: E = {one.material.youngs_modulus / size:g} {unit}, "
             f"{one.volume / length**3:.4g} {of_length}3",
-            INSIDE[k % len(INSIDE)],
+            inside_colour(k),
         )
         for k, (one, name) in enumerate(
             zip(inclusions_of(problem), inclusion_names(problem, tables), strict=True)

@@ -13,6 +13,7 @@ from matplotlib.colors import to_hex
 from palpate.meshes.arrays import Points
 from palpate.meshes.own_files import own_path
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import outer_facets
 from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
@@ -39,11 +40,11 @@ from palpate.validation.report.drawing import (
     joined,
 )
 from palpate.validation.report.loads_and_tools import (
-    INSIDE,
     MOST_ARROWS,
     arrows_around,
     inclusion_legend,
     inclusions_of,
+    inside_colour,
     load_arrows,
     resultant_of,
     spring_arrows,
@@ -129,16 +130,11 @@ def _cut_open(problem: Problem, points: Points, colours: Sequence[str]) -> View:
     material = np.full(mesh.num_cells, -1)
     for k, one in enumerate(problem.inclusions):
         material[one.cells] = k
-    sides = mesh.cells[behind][:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
-    owner = np.repeat(material[behind], 4)
-    _, first, count = np.unique(
-        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    rows = first[count == 1]
+    facets, row = outer_facets(mesh.cells[behind], mesh.num_points)
+    shown = material[behind][row]
     surfaces = [
-        Surface(points, sides[rows[owner[rows] == k]], TAN if k < 0 else colours[k])
-        for k in range(-1, len(colours))
-        if (owner[rows] == k).any()
+        Surface(points, facets[shown == k], TAN if k < 0 else colours[k])
+        for k in np.unique(shown).tolist()
     ]
     return View("cut open", surfaces, _CUT)
 
@@ -157,7 +153,7 @@ def _boundary(problem: Problem, points: Points) -> list[Surface]:
         return body
     outer = problem.mesh.boundary_facets
     inner = [
-        Surface(points, one.facets[~are_among(one.facets, outer)], to_hex(INSIDE[k % len(INSIDE)]))
+        Surface(points, one.facets[~are_among(one.facets, outer)], to_hex(inside_colour(k)))
         for k, one in enumerate(inside)
     ]
     return [*(replace(part, opacity=_PALE) for part in body), *inner]

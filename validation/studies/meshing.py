@@ -28,7 +28,7 @@ from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.shells import winding_numbers
-from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
+from palpate.meshes.tet_mesh import TetMesh, outer_facets
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.report.plots import BLUE, Figure, figure_svg, plot_style
 from palpate.validation.report.study_page import Finding, Page, Table, judged
@@ -225,17 +225,13 @@ def _draw(meshes: Mapping[str, TetMesh]) -> str:
 def _draw_cut(axes: Axes, mesh: TetMesh, smallest: Floats) -> None:
     """Cells behind the middle plane, seen along +y; far facets first, back faces left out."""
     middle = 0.5 * (mesh.points[:, 1].min() + mesh.points[:, 1].max())
-    kept = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 1] > middle)
-    facets = mesh.cells[kept][:, CELL_FACETS].reshape(-1, 3)
-    owner = np.repeat(kept, 4)
-    ordered = np.sort(facets, axis=1)
-    _, first, count = np.unique(ordered, axis=0, return_index=True, return_counts=True)
-    seen = first[count == 1]  # facets of one kept cell only
-    corners = mesh.points[facets[seen]]
+    behind = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 1] > middle)
+    seen, row = outer_facets(mesh.cells[behind], mesh.num_points)
+    corners = mesh.points[seen]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     facing = normals[:, 1] < 0.0
-    corners, normals, owners = corners[facing], normals[facing], owner[seen[facing]]
+    corners, normals, owners = corners[facing], normals[facing], behind[row[facing]]
     order = np.argsort(-corners.mean(axis=1)[:, 1])
     shade = 0.35 + 0.65 * np.clip(normals @ _LIGHT, 0.0, 1.0)
     colours = mpl.colormaps["viridis"](smallest[owners] / _LARGEST_COLOURED_DEG)

@@ -161,9 +161,9 @@ def test_what_touches_is_opened_by_the_least_gap_that_makes_a_solid() -> None:
         assert 0.0 < found <= 0.002 * 0.25 * 1.01 + 1e-3 * 0.3
 
 
-def test_a_far_crumb_changes_nothing_of_what_is_merged() -> None:
-    crumb = TriSurface(1e-2 * BOX.points + [1e6, 0.0, 0.0], BOX.facets)
-    repaired, report = repair_surface(together(BALL, crumb))
+def test_a_small_part_far_away_changes_nothing_of_what_is_merged() -> None:
+    small = TriSurface(1e-2 * BOX.points + [1e6, 0.0, 0.0], BOX.facets)
+    repaired, report = repair_surface(together(BALL, small))
     assert report.merged_points == 0
     assert repaired.num_facets == BALL.num_facets + BOX.num_facets
 

@@ -38,8 +38,8 @@ def test_cells_are_small_where_the_ball_is_and_grow_away_from_it(press: Problem)
     assert lengths[away < 0.008].max() <= 0.004 * (1.0 + 1e-9)
     assert (lengths <= np.maximum(0.004, GROWTH * away) * (1.0 + 1e-9)).all()
     assert edges(press)[0].max() > 0.0075
-    kept = press.mesh.num_points
-    np.testing.assert_array_equal(fine.mesh.points[:kept], press.mesh.points)
+    given = press.mesh.num_points
+    np.testing.assert_array_equal(fine.mesh.points[:given], press.mesh.points)
     whole = signed_volumes(fine.mesh.points, fine.mesh.cells).sum()
     assert whole == pytest.approx(press.mesh.volume, rel=1e-12)
 

@@ -42,7 +42,7 @@ def test_an_equilibrium_passes_and_a_softer_solution_does_not(solved, tmp_path, 
     write_mesh(path, problem.mesh, point_data={"displacement": 1.02 * displacement})
     assert command_line("audit", "block", path, *tight) == 1
     softer = json.loads(numbers.read_text())
-    # Two per cent too far everywhere, held points included, which do not move.
+    # Two per cent too far everywhere, fixed points included, which do not move.
     assert softer["displacement_error"] == pytest.approx(0.02, rel=0.1)
 
 

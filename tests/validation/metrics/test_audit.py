@@ -27,7 +27,7 @@ EVERY = [(strain, element) for strain in Strain for element in Element]
 
 
 def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Problem, np.ndarray]:
-    """A case, and its solution with every point, held ones too, a thousandth off."""
+    """A case, and its solution with every point, fixed ones too, a thousandth off."""
     problem = load_case(name).problem
     solution = palpate.solve(problem, strain=strain, element=element).displacement
     noise = np.random.default_rng(1).standard_normal(solution.shape)

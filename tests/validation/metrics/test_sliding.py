@@ -1,4 +1,4 @@
-"""Force that ripples and force that holds back, of forces made by hand."""
+"""Ripple and false lateral force, of forces made by hand."""
 
 from __future__ import annotations
 

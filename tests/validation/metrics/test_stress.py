@@ -168,7 +168,7 @@ def test_a_support_carries_the_loads_and_a_cut_what_lies_beyond(element: Element
     u = solve_static(problem, element=element).displacement
     right = state_of(problem, u, element=element)
     still = dataclasses.replace(state_of(problem, 0.0 * u), element=element)
-    # 27 N of weight; a solution without stress misses all but what lies on the held points.
+    # 27 N of weight; a solution without stress misses all but what lies on the fixed points.
     volumes = signed_volumes(mesh.points, mesh.cells)
     is_free = mesh.points[mesh.cells][:, :, 0] > 1e-9
     carried = 9.0 * (volumes * is_free.mean(axis=1)).sum()
