@@ -33,6 +33,7 @@ LARGEST_DIRECT = 15_000
 LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
 _OPTIONS = "palpate_reference_"
+_NOT_SET_UP = PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED
 
 
 class LinearSolveError(RuntimeError):
@@ -131,6 +132,7 @@ class LinearSolver:
         is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
+        self._smooths_by_blocks = True
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 
     @property
@@ -238,12 +240,12 @@ class LinearSolver:
         b.array[fixed] = 0.0
         prescribe(matrix, fixed, x, b, is_symmetric=self._is_symmetric)
         try:
+            # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
+            self._ksp.getPC().setReusePreconditioner(not self._is_direct)
             if not self._is_direct:
                 self._prepare(matrix, fixed)
             self._ksp.setOperators(self._to_prepare(matrix))
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
-            # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
-            self._ksp.getPC().setReusePreconditioner(not self._is_direct)
             try:
                 self._run(b, x)
             except PreconditionerError:
@@ -316,13 +318,25 @@ class LinearSolver:
             ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         if self._space.degree == 1:
             ksp.getPC().setType("gamg")
-            set_options(aggregation_options(_OPTIONS, 3))
+            set_options(aggregation_options(_OPTIONS, 3, by_blocks=self._smooths_by_blocks))
         else:
-            set_options(smoother_options(_OPTIONS, 2))
+            set_options(smoother_options(_OPTIONS, 2, by_blocks=self._smooths_by_blocks))
         ksp.setFromOptions()
         return ksp
 
     def _prepare(self, matrix: Any, fixed: Indices) -> None:
+        """Set multigrid up for a new matrix, or only pass it on where it is to be used again."""
+        self._attach(matrix, fixed)
+        self._ksp.setOperators(matrix)
+        with errors_of(self.name):
+            self._ksp.setUp()
+        if self._smooths_by_blocks and self._ksp.getConvergedReason() == _NOT_SET_UP:
+            self._smooths_by_blocks = False
+            self._ksp.destroy()
+            self._ksp, self._below = self._multigrid(), None
+            self._attach(matrix, fixed)
+
+    def _attach(self, matrix: Any, fixed: Indices) -> None:
         """Pass multigrid what it needs to know of a new matrix."""
         if self._space.degree == 1:
             turn = None if self._frames is None else self._frames.to_local
@@ -330,7 +344,11 @@ class LinearSolver:
             return
         if self._below is None or not np.array_equal(fixed, self._fixed_below):
             self._below = LinearLevel(
-                self._space, fixed, self._frames, is_symmetric=self._is_symmetric
+                self._space,
+                fixed,
+                self._frames,
+                is_symmetric=self._is_symmetric,
+                by_blocks=self._smooths_by_blocks,
             )
             self._below.attach(self._ksp)
             self._fixed_below = fixed

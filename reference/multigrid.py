@@ -33,26 +33,27 @@ def set_options(options: dict[str, Any]) -> None:
         table[key] = value
 
 
-def aggregation_options(prefix: str, smoothing: int) -> dict[str, Any]:
+def aggregation_options(prefix: str, smoothing: int, *, by_blocks: bool) -> dict[str, Any]:
     """Options of PETSc for smoothed aggregation of elastic bodies with Chebyshev's smoother."""
     return {
         f"{prefix}pc_gamg_type": "agg",
         f"{prefix}pc_gamg_agg_nsmooths": 1,
         f"{prefix}pc_gamg_threshold": 0.01,
-        **smoother_options(prefix, smoothing),
+        **smoother_options(prefix, smoothing, by_blocks=by_blocks),
     }
 
 
-def smoother_options(prefix: str, smoothing: int) -> dict[str, Any]:
+def smoother_options(prefix: str, smoothing: int, *, by_blocks: bool) -> dict[str, Any]:
     """Options of PETSc for so many smoothing steps by Chebyshev's polynomials.
 
     Over the 3 by 3 blocks of the nodes: contact adds k n n^T to that of a node, with k a hundred
     times what the body adds. Over the diagonal alone what is stiff along n would be stiff along the
-    axes, and a node could not move along the tool: 87 iterations where blocks need 10.
+    axes, and a node could not move along the tool: 87 iterations where blocks need 10. But blocks
+    of an aggregate that has fewer free unknowns than rigid motions are singular.
     """
     return {
         f"{prefix}mg_levels_ksp_type": "chebyshev",
-        f"{prefix}mg_levels_pc_type": "pbjacobi",
+        f"{prefix}mg_levels_pc_type": "pbjacobi" if by_blocks else "jacobi",
         f"{prefix}mg_levels_ksp_max_it": smoothing,
         f"{prefix}mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.1",
     }
@@ -103,6 +104,7 @@ class LinearLevel:
         fixed: Unknowns that supports fix.
         frames: Nodes whose unknowns are along axes of their own; None where there are none.
         is_symmetric: Whether the matrices are.
+        by_blocks: Whether aggregation below this level is smoothed by blocks of nodes.
     """
 
     def __init__(
@@ -112,7 +114,9 @@ class LinearLevel:
         frames: NodeFrames | None,
         *,
         is_symmetric: bool,
+        by_blocks: bool,
     ) -> None:
+        self._by_blocks = by_blocks
         self._linear = create_space(space.transferred, 1)
         self._interpolation = _interpolation(space, self._linear, fixed, frames)
         self._is_symmetric = is_symmetric
@@ -155,7 +159,7 @@ class LinearLevel:
         else:
             below.getPC().setType("gamg")
             below.setOptionsPrefix(_PREFIX)
-            set_options(aggregation_options(_PREFIX, 2))
+            set_options(aggregation_options(_PREFIX, 2, by_blocks=self._by_blocks))
             below.setFromOptions()
 
 
