@@ -35,6 +35,7 @@ from palpate.meshes.surface_files import (
     read_obj,
     read_off,
     read_text_stl,
+    refuse_impossible_counts,
     triangles_of,
 )
 from palpate.meshes.temporaries import atomic_path, scratch_folder
@@ -119,6 +120,8 @@ def _polygons_of(path: str | Path) -> Polygons:
     with open_plain(file, most_bytes=4 * MOST_BYTES) as stream:
         start = stream.read(_HEADER_BYTES)
         size = stream.seek(0, io.SEEK_END)
+    if suffix == ".vtk" and size > 0:
+        refuse_impossible_counts(file)
     own = {".obj": read_obj, ".off": read_off, ".ply": read_ply}.get(suffix)
     if suffix == ".stl":
         own = read_binary_stl if is_binary_stl(file) else read_text_stl
@@ -305,6 +308,8 @@ def _read_at_once(path: str | Path, known: tuple[str, ...], most_bytes: int = MO
     suffix = _known_suffix(file, known)
     with open_plain(file, most_bytes=4 * most_bytes) as stream:
         size = stream.seek(0, io.SEEK_END)
+    if suffix == ".vtk" and size > 0:
+        refuse_impossible_counts(file)
     unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
     room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import mmap
 import re
 import subprocess
 import sys
@@ -35,6 +36,12 @@ _OBJ_HARMLESS = {
 _OFF_HEADER = re.compile(r"\A(ST)?(C)?(N)?OFF\b")
 _STL_HEADER, _STL_RECORD = 84, 50
 _SECONDS = 300.0  # a surface of ten million triangles
+# What a legacy VTK file says of its own size, at the start of a line.
+_VTK_COUNTS = re.compile(
+    rb"^(?:(?:POINTS|CELLS|CELL_TYPES|POLYGONS|LINES|VERTICES|TRIANGLE_STRIPS|POINT_DATA|CELL_DATA"
+    rb"|FIELD +\S+|LOOKUP_TABLE +\S+) +(\d+)(?: +(\d+))?|[^\s]+ +(\d+) +(\d+) +[a-z_0-9]+ *$)",
+    re.MULTILINE,
+)
 _AS_VTK = Path(__file__).with_name("vtk_surfaces.py")
 
 
@@ -165,6 +172,8 @@ def read_by_vtk(path: Path) -> Polygons:
     Raises:
         FileFormatError: VTK is not installed, finds an error, or does not end in time.
     """
+    if path.suffix.lower() == ".vtk":
+        refuse_impossible_counts(path)
     with made_by_vtk(path, "surface.npz") as found, np.load(found, allow_pickle=False) as arrays:
         points, offsets, corners = (arrays[n] for n in ("points", "offsets", "corners"))
     counts = np.diff(offsets)
@@ -200,6 +209,20 @@ def made_by_vtk(path: Path, name: str) -> Iterator[Path]:
             reason = said[-1][:200] if said else f"VTK ended with {done.returncode}"
             raise FileFormatError(path, f"cannot be read as {kind} ({reason})")
         yield found
+
+
+def refuse_impossible_counts(path: Path) -> None:
+    """Refuse a legacy VTK file of more values than bits: memory would be filled with them.
+
+    Raises:
+        FileFormatError: A line states such a number.
+    """
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as whole:
+        for found in _VTK_COUNTS.finditer(whole):
+            if any(n and (len(n) > 18 or int(n) > 8 * len(whole)) for n in found.groups()):
+                line = found.group().decode("ascii", "replace")[:60]
+                reason = f"is damaged: {line!r} is more than can be in {len(whole)} bytes"
+                raise FileFormatError(path, reason)
 
 
 def _numbers(path: Path, rows: list[list[bytes]]) -> Points:
