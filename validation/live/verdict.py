@@ -21,14 +21,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.reference.adaptivity.goals import JudgedSolution, Quantity
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import LOST, YIELDS
 from palpate.validation.case import Case, load_case
@@ -48,6 +47,9 @@ from palpate.validation.references.statics import estimate_bars, solve_live
 from palpate.validation.report.answer import amount_of, quantity_of
 from palpate.validation.report.viewer import packed
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict, gravest
+
+if TYPE_CHECKING:
+    from palpate.reference.adaptivity.goals import JudgedSolution
 
 SAME_MESH, TRUTH = "same mesh", "truth"
 ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
@@ -158,6 +160,8 @@ def true_references(
 
 def _judged(case: Case, pane: PoseOfPane) -> JudgedSolution:
     """A pane with the limits of the case's checks against the truth."""
+    from palpate.reference.adaptivity.goals import JudgedSolution, Quantity
+
     own = [spec for spec in case.checks if spec.against == "truth"]
     limits = {Quantity(s.metric): s.limit for s in own if s.metric in whole_metrics(case.problem)}
     return JudgedSolution(pane.displacement, pane.force[None], limits)
