@@ -73,6 +73,7 @@ class Pointer:
     position: Floats = field(init=False)
     is_retreating: bool = False
     _goals: list[Floats] = field(default_factory=list)
+    _is_withdrawn: bool = False
     _behind: list[Floats] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -80,16 +81,17 @@ class Pointer:
 
     def send(self, goal: Floats) -> None:
         """Send the tool to a position, in the case's unit."""
-        self._goals = [goal]
+        self._goals, self._is_withdrawn = [goal], False
 
     def stay(self) -> None:
         """Stop the tool where it is."""
-        self._goals = []
+        self._goals, self._is_withdrawn = [], False
 
     def withdraw(self) -> None:
         """Retract the tool along `outwards`, then return it to the start."""
         out = float((self.start - self.position) @ self.outwards)
         self._goals = [self.position + max(out, 0.0) * self.outwards, self.start.copy()]
+        self._is_withdrawn = True
 
     def next_position(self, room: float = 1.0) -> Floats:
         """The position of the tool at the end of the next tick.
@@ -101,7 +103,10 @@ class Pointer:
         self.is_retreating = room <= 0.0 and bool(self._behind)
         if self.is_retreating:
             *self._behind, self.position = self._behind[: 1 - RETREAT] or self._behind[:1]
-            self._goals = []
+            if self._is_withdrawn:
+                self.withdraw()
+            else:
+                self.stay()
             return self.position
         largest_way = self.largest_way * min(max(room, _SLOWEST), 1.0)
         while self._goals:

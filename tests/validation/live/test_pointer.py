@@ -69,6 +69,20 @@ def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside(
     np.testing.assert_array_equal(positions[-1], [0.0, 0.0, 10.0])
 
 
+def test_a_tool_that_is_withdrawn_goes_on_after_a_body_has_pushed_it_back() -> None:
+    """Pressed so deep that it retreats just then, it stayed in the body for ever."""
+    one = pointer()
+    one.send(np.array([0.0, 0.0, 0.0]))
+    for _ in range(15):
+        one.next_position()
+    one.withdraw()
+    one.next_position(0.0)
+    assert one.is_retreating
+    for _ in range(40):
+        one.next_position()
+    np.testing.assert_array_equal(one.position, [0.0, 0.0, 10.0])
+
+
 TICK = 0.01
 
 

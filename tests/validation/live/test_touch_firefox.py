@@ -16,7 +16,7 @@ from palpate.validation.live.live_case import Touch
 pytestmark = pytest.mark.browser
 
 
-def until(page: Firefox, script: str, seconds: float = 120.0) -> Any:
+def until(page: Firefox, script: str, seconds: float = 30.0) -> Any:
     end = time.monotonic() + seconds
     while not (found := page.value(script)):
         assert time.monotonic() < end, script
