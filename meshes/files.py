@@ -120,8 +120,6 @@ def _polygons_of(path: str | Path) -> Polygons:
     with open_plain(file, most_bytes=4 * MOST_BYTES) as stream:
         start = stream.read(_HEADER_BYTES)
         size = stream.seek(0, io.SEEK_END)
-    if suffix == ".vtk" and size > 0:
-        refuse_impossible_counts(file)
     own = {".obj": read_obj, ".off": read_off, ".ply": read_ply}.get(suffix)
     if suffix == ".stl":
         own = read_binary_stl if is_binary_stl(file) else read_text_stl
@@ -288,12 +286,16 @@ def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
 
 def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES) -> Any:
     """Read by meshio, and legacy VTK that it does not know (normals, metadata) by VTK."""
+    file, is_grid = Path(path), None
+    if _known_suffix(file, known) == ".vtk":
+        with open_plain(file, most_bytes=4 * most_bytes) as stream:
+            is_grid = _IS_GRID.search(stream.read(_HEADER_BYTES))
+    if is_grid:
+        # Before anybody reads: both readers go on past the end of the file.
+        refuse_impossible_counts(file)
     try:
-        return _read_at_once(path, known, most_bytes)
+        return _read_at_once(file, known, most_bytes)
     except FileFormatError as error:
-        file, is_grid = Path(path), None
-        with contextlib.suppress(FileFormatError), open_plain(file, most_bytes=most_bytes) as f:
-            is_grid = file.suffix.lower() == ".vtk" and _IS_GRID.search(f.read(_HEADER_BYTES))
         if is_grid and importlib.util.find_spec("vtkmodules") is not None:
             with contextlib.suppress(FileFormatError), made_by_vtk(file, "grid.vtu") as found:
                 return _read_at_once(found, known, most_bytes)
@@ -308,8 +310,6 @@ def _read_at_once(path: str | Path, known: tuple[str, ...], most_bytes: int = MO
     suffix = _known_suffix(file, known)
     with open_plain(file, most_bytes=4 * most_bytes) as stream:
         size = stream.seek(0, io.SEEK_END)
-    if suffix == ".vtk" and size > 0:
-        refuse_impossible_counts(file)
     unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
     room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:

@@ -39,7 +39,7 @@ _SECONDS = 300.0  # a surface of ten million triangles
 # What a legacy VTK file says of its own size, at the start of a line.
 _VTK_COUNTS = re.compile(
     rb"^(?:(?:POINTS|CELLS|CELL_TYPES|POLYGONS|LINES|VERTICES|TRIANGLE_STRIPS|POINT_DATA|CELL_DATA"
-    rb"|FIELD +\S+|LOOKUP_TABLE +\S+) +(\d+)(?: +(\d+))?|[^\s]+ +(\d+) +(\d+) +[a-z_0-9]+ *$)",
+    rb"|FIELD +\S+|LOOKUP_TABLE +\S+) +(\d+)(?: +(\d+))?|[^\s]+ +(\d+) +(\d+) +[a-z]\w* *$)",
     re.MULTILINE,
 )
 _AS_VTK = Path(__file__).with_name("vtk_surfaces.py")

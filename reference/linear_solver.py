@@ -207,10 +207,11 @@ class LinearSolver:
         """Solve, and destroy x and b. `tried`: whether to use the last preparation, in turn."""
         try:
             for is_prepared in tried:
-                if not (is_prepared or self._is_direct):
-                    self._prepare(matrix, fixed)
-                self._ksp.setOperators(matrix if is_prepared else self._to_prepare(matrix))
                 self._ksp.getPC().setReusePreconditioner(is_prepared)
+                if is_prepared:
+                    self._ksp.setOperators(matrix)
+                else:
+                    self._prepare(matrix, fixed)
                 self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
                 try:
                     self._run(b, x)
@@ -242,9 +243,7 @@ class LinearSolver:
         try:
             # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
             self._ksp.getPC().setReusePreconditioner(not self._is_direct)
-            if not self._is_direct:
-                self._prepare(matrix, fixed)
-            self._ksp.setOperators(self._to_prepare(matrix))
+            self._prepare(matrix, fixed)
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             try:
                 self._run(b, x)
@@ -278,10 +277,6 @@ class LinearSolver:
             return self._has_good_pivots(ksp) if self._is_symmetric else True
         finally:
             ksp.destroy()
-
-    def _to_prepare(self, matrix: Any) -> Any:
-        """The matrix as factors need it, by entries; multigrid takes blocks."""
-        return fenicsx.in_rows(matrix) if self._is_direct else matrix
 
     def _run(self, b: Any, x: Any) -> None:
         with errors_of(self.name):
@@ -325,9 +320,12 @@ class LinearSolver:
         return ksp
 
     def _prepare(self, matrix: Any, fixed: Indices) -> None:
-        """Set multigrid up for a new matrix, or only pass it on where it is to be used again."""
+        """Pass a new matrix on, and set multigrid up for it unless its last one is used again."""
+        if self._is_direct:
+            # Factors are of entries, multigrid is of blocks.
+            self._ksp.setOperators(fenicsx.in_rows(matrix))
+            return
         self._attach(matrix, fixed)
-        self._ksp.setOperators(matrix)
         with errors_of(self.name):
             self._ksp.setUp()
         if self._smooths_by_blocks and self._ksp.getConvergedReason() == _NOT_SET_UP:
@@ -337,7 +335,8 @@ class LinearSolver:
             self._attach(matrix, fixed)
 
     def _attach(self, matrix: Any, fixed: Indices) -> None:
-        """Pass multigrid what it needs to know of a new matrix."""
+        """Pass multigrid a new matrix and what it needs to know of it."""
+        self._ksp.setOperators(matrix)
         if self._space.degree == 1:
             turn = None if self._frames is None else self._frames.to_local
             attach_rigid_modes(matrix, self._space.coordinates, fixed, turn)

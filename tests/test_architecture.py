@@ -270,10 +270,10 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62510,
+        62550,
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
-        "lost files; contact over facets; "
+        "lost files, VTK files that are cut off; contact over facets; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
         "issue 38: first screen of a report, the live page in two browsers, units of a page; "
