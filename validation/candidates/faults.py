@@ -87,7 +87,7 @@ def corrupt_problem(problem: Problem, fault: Fault) -> Problem:
         (OF_MOTION, problem.time, "[time]", "block-motion or wave"),
         (OF_LOADS, problem.loads, "[[load]]", "beam"),
         (OF_TOOLS, problem.tools, "[tool]", "press or slide"),
-        (OF_FACETS, over_facets, 'contact = "facets"', "press"),
+        (OF_FACETS, over_facets, 'contact = "facets"', "press or slide"),
     ):
         if fault in faults and not is_there:
             raise CannotShowError(

@@ -62,7 +62,7 @@ _CASES = {
     Fault.SHIFTED_NUMBERS: "block",
     Fault.DROPPED_TOOL: "press slide",
     Fault.REVERSED_TOOL_FORCE: "press slide",
-    Fault.VERTICES_ONLY: "press",
+    Fault.VERTICES_ONLY: "press slide",
 }
 TRIALS = tuple((fault, name) for fault, names in _CASES.items() for name in names.split())
 REFERENCE_FAULTS = tuple(

@@ -77,8 +77,11 @@ GROWTH = 4
 _ORDER = 2.0
 # Relative: seven digits stored, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
-# Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
-_NORMS = ("displacement_l2", "displacement_max", "max_displacement", "trajectory_l2")
+# Those of `MOVING_TRUTH_METRICS` that are norms of a difference; a range is one but for constants.
+_NORMS = (
+    "displacement_l2", "displacement_max", "max_displacement", "trajectory_l2",
+    "force_ripple", "false_lateral_force",
+)  # fmt: skip
 # Largest ratio of the last difference of a norm to the one before: above it, nothing settles.
 LARGEST_GROWTH = 1.5
 # The last fraction of a motion's outputs, over which its end is compared: see `difference`.

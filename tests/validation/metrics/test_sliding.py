@@ -16,6 +16,7 @@ from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.difference import Difference
 from palpate.validation.metrics.sliding import slides
+from palpate.validation.references.motions import assess_sequence
 from palpate.validation.states import State, Trajectory
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
@@ -84,6 +85,19 @@ def test_lateral_force_is_along_the_way() -> None:
     # Half of all forces is the same part of the mean.
     half = dataclasses.replace(held_back, tool_forces=0.5 * np.array(held_back.tool_forces))
     assert error("false_lateral_force", half, EVEN).value == pytest.approx(0.2 / 4.0)
+
+
+def test_bars_of_what_settles_slowly_are_three_times_its_range() -> None:
+    def bars(*sizes: float) -> list[float | None]:
+        runs = [
+            felt([[s, 0.0, 4.0 + s], [0.0, 0.0, 4.0 - s], *[[0.0, 0.0, 4.0]] * 2]) for s in sizes
+        ]
+        found = assess_sequence(PROBLEM, runs)
+        return [found[name].error_bar for name in ("force_ripple", "false_lateral_force")]
+
+    # As of every norm of a difference: ranges of 2 s of a mean of 4, forces of s along the way.
+    assert bars(0.0, 2e-3, 4.2e-3) == pytest.approx([3.0 * 2.1e-3, 3.0 * 1.05e-3], rel=0.01)
+    assert bars(0.0, 2e-3, 3e-3) == [None, None]
 
 
 @pytest.mark.parametrize("metric", ["force_ripple", "false_lateral_force"])
