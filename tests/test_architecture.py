@@ -270,8 +270,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62640,
-        "issue 35: CGS-4, bars of ripples; "
+        62760,
+        "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files, VTK files that are cut off; contact over facets; "
