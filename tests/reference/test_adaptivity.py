@@ -19,7 +19,7 @@ from palpate.reference.adaptivity.goals import (
     OF_PART,
     Budget,
     Goal,
-    Judged,
+    JudgedSolution,
     Part,
     Quantity,
     difference,
@@ -223,7 +223,7 @@ def test_it_ends_where_it_decides_on_what_is_judged(box):
     def solve(*judged):
         return solve_adaptively(problem, goals, budget=budget, strain=Strain.LINEAR, judged=judged)
 
-    far = Judged(3.0 * near.displacement, force, limits)
+    far = JudgedSolution(3.0 * near.displacement, force, limits)
     found = solve(far)
     assert found.ended == "every verdict is certain"
     assert found.bar("displacement_l2") > 1e-4
@@ -231,10 +231,10 @@ def test_it_ends_where_it_decides_on_what_is_judged(box):
     off = difference(
         goals[0], mesh, found, dataclasses.replace(found, displacement=near.displacement)
     )
-    on_edge = Judged(near.displacement, force, {Quantity.DISPLACEMENT_L2: off})
+    on_edge = JudgedSolution(near.displacement, force, {Quantity.DISPLACEMENT_L2: off})
     assert len(solve(far, on_edge).num_cells) > len(found.num_cells)
     # Without limits nothing is asked.
-    assert solve(Judged(near.displacement, force, {})).ended != found.ended
+    assert solve(JudgedSolution(near.displacement, force, {})).ended != found.ended
 
 
 @pytest.mark.dolfinx
@@ -243,7 +243,7 @@ def test_where_the_law_gives_way_no_other_mesh_is_tried_for_what_is_judged(box):
     mesh = box((4, 4, 2), (2.0, 2.0, 1.0))
     problem = pressed(mesh, SphereShape(0.4), DEEP, (support(mesh, "z0"),))
     goals = [Goal(Quantity.DISPLACEMENT_L2, 0.01)]
-    judged = (Judged(np.zeros_like(mesh.points), np.zeros((1, 3)), {}),)
+    judged = (JudgedSolution(np.zeros_like(mesh.points), np.zeros((1, 3)), {}),)
     lines = []
     found = solve_adaptively(
         problem, goals, judged=judged, relative_tolerance=1e-6, progress=lines.append
