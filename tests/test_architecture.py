@@ -251,8 +251,8 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11040,
-        "issue 35: contact over facets; issue 36: masses on the surface; "
+        11050,
+        "issue 35: contact over facets, the nearest of few facets; issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
         "truths that end where they decide on it; critical loads by few solves",

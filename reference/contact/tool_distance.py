@@ -279,6 +279,8 @@ class ClosedSurface:
         normals: Outward normal of each facet [-], shape (m, 3).
         edge_normals: Pseudo-normals of each facet's edges [-], shape (m, 3, 3).
         corner_normals: Pseudo-normals of each facet's corners [-], shape (m, 3, 3).
+        centres: Centre of each facet [m], shape (m, 3).
+        radii: Distance of its farthest corner from it [m], shape (m,).
         size: Diagonal of its bounding box [m].
     """
 
@@ -286,6 +288,8 @@ class ClosedSurface:
     normals: Points
     edge_normals: Points
     corner_normals: Points
+    centres: Points
+    radii: Floats
     size: float
 
 
@@ -316,7 +320,11 @@ def closed_surface(shape: SurfaceShape) -> ClosedSurface:
         np.add.at(at_edges, edge[:, k], normals)
     points = surface.points[np.unique(facets)]
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return ClosedSurface(corners, normals, _unit(at_edges)[edge], _unit(at_points)[facets], size)
+    centres = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    return ClosedSurface(
+        corners, normals, _unit(at_edges)[edge], _unit(at_points)[facets], centres, radii, size
+    )
 
 
 def surface_distance(surface: ClosedSurface, positions: Points) -> tuple[Floats, Points, Floats]:
@@ -365,45 +373,51 @@ def _unit(rows: Points) -> Points:
 def _nearest(surface: ClosedSurface, positions: Points) -> tuple[Indices, Floats]:
     """The facet that is nearest to each position, and the weights of its corners there.
 
+    A facet is nearer than its centre and no nearer than its centre less its radius, which rules out
+    all but a few.
+
     Returns:
         Facets, shape (n,), and weights, shape (n, 3): exactly 0 for corners that do not belong to
         the nearest facet, edge or point.
     """
+    from scipy.spatial.distance import cdist
+
     chosen = np.zeros(len(positions), dtype=np.int32)
     weights = np.zeros((len(positions), 3))
     step = max(1, _AT_ONCE // len(surface.corners))
     for start in range(0, len(positions), step):
         part = positions[start : start + step]
-        found = _weights(surface.corners, part)
-        arms = part[:, None] - np.einsum("nmk,mki->nmi", found, surface.corners)
-        nearest = np.argmin(np.sum(arms**2, axis=2), axis=1)
-        chosen[start : start + step] = nearest
-        weights[start : start + step] = found[np.arange(len(part)), nearest]
+        apart = cdist(part, surface.centres)
+        most = apart.min(axis=1, keepdims=True) + _ON_IT * surface.size
+        row, facet = np.nonzero(apart - surface.radii <= most)
+        found = _weights(surface.corners[facet], part[row])
+        arms = part[row] - np.einsum("nk,nki->ni", found, surface.corners[facet])
+        order = np.lexsort((np.sum(arms**2, axis=1), row))
+        nearest = order[np.searchsorted(row, np.arange(len(part)))]
+        chosen[start : start + step] = facet[nearest]
+        weights[start : start + step] = found[nearest]
     return chosen, weights
 
 
 def _weights(corners: Points, positions: Points) -> Floats:
-    """Weights of the point of each of m triangles nearest to each of n positions, (n, m, 3)."""
+    """Weights of the point of each of n triangles nearest to one position each, shape (n, 3)."""
     a, b, c = (corners[:, k] for k in range(3))
     across = np.cross(b - a, c - a)
     squared = np.sum(across**2, axis=1)
-    arms = positions[:, None] - a
+    arms = positions - a
     # Weights of the foot of the perpendicular on the plane.
-    second = np.einsum("nmi,mi->nm", arms, np.cross(c - a, across)) / squared
-    third = np.einsum("nmi,mi->nm", arms, np.cross(across, b - a)) / squared
-    foot = np.stack([1.0 - second - third, second, third], axis=2)
-    is_in = (foot > 0.0).all(axis=2)
-    best: Floats = foot
+    second = np.sum(arms * np.cross(c - a, across), axis=1) / squared
+    third = np.sum(arms * np.cross(across, b - a), axis=1) / squared
+    best: Floats = np.stack([1.0 - second - third, second, third], axis=1)
+    is_in = (best > 0.0).all(axis=1)
     least = np.where(is_in, 0.0, np.inf)
     for k in range(3):
         start, way = corners[:, k], corners[:, _NEXT[k]] - corners[:, k]
-        t = np.einsum("nmi,mi->nm", positions[:, None] - start, way) / np.sum(way**2, axis=1)
-        t = np.clip(t, 0.0, 1.0)
-        apart = positions[:, None] - start - t[:, :, None] * way
-        distance = np.sum(apart**2, axis=2)
-        on_edge = np.zeros_like(foot)
-        on_edge[:, :, k], on_edge[:, :, _NEXT[k]] = 1.0 - t, t
+        t = np.clip(np.sum((positions - start) * way, axis=1) / np.sum(way**2, axis=1), 0.0, 1.0)
+        distance = np.sum((positions - start - t[:, None] * way) ** 2, axis=1)
+        on_edge = np.zeros_like(best)
+        on_edge[:, k], on_edge[:, _NEXT[k]] = 1.0 - t, t
         is_nearer = ~is_in & (distance < least)
-        best = np.where(is_nearer[:, :, None], on_edge, best)
+        best = np.where(is_nearer[:, None], on_edge, best)
         least = np.where(is_nearer, distance, least)
     return best
