@@ -135,10 +135,9 @@ double CondensedContact::share_of(const Patch &patch, std::size_t point, std::si
 /// The force on a point of a patch, along the normal there.
 double CondensedContact::push_at(const Patch &patch, std::size_t point, double Entry::*push) const {
     double sum = 0.0;
-    for (std::size_t c = 0; c < patch.entries.size(); ++c)
-        if (patch.entries[c] >= 0)
-            sum += share_of(patch, point, c) *
-                   (_entries[static_cast<std::size_t>(patch.entries[c])].*push);
+    for (std::size_t c = 0; c < _tools[patch.tool].num_own; ++c)
+        if (const std::int32_t entry = _owns[patch.first_own + c].entry; entry >= 0)
+            sum += share_of(patch, point, c) * (_entries[static_cast<std::size_t>(entry)].*push);
     return sum;
 }
 
@@ -148,7 +147,7 @@ double CondensedContact::gap_of_constraint(std::size_t tool, std::size_t constra
     const CondensedTool &of = _tools[tool];
     double gap = 0.0;
     for (const std::int32_t number : _patches_of[tool][constraint]) {
-        const Patch patch{tool, static_cast<std::size_t>(number), {}, {}, {}, {}};
+        const Patch patch{tool, static_cast<std::size_t>(number)};
         const std::array<Point, 3> corners = corners_of(tool, patch.number, base);
         for (std::size_t c = 0; c < of.num_own; ++c) {
             if (of.constraints[patch.number * of.num_own + c] !=
@@ -167,17 +166,20 @@ double CondensedContact::gap_of_constraint(std::size_t tool, std::size_t constra
 /// there was any that was not looked at yet.
 bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Point> base,
                                 double margin) {
-    const std::size_t before = _entries.size();
+    const std::size_t before = _entries.size(), first = _compliance.num_only_seen();
+    const std::span<const Point> places = _places, before_it = base.subspan(first),
+                                 by_it = std::span<const Point>(_response).subspan(first);
     for (std::size_t t = 0; t < _tools.size(); ++t) {
         const CondensedTool &tool = _tools[t];
         const Box box = posed_box(_boxes[t], poses[t], margin + tool.spread);
-        for (std::size_t i = 0; i < tool.areas.size(); ++i) {
-            const double push = _pushes[t][i];
+        const std::span<const double> pushes = _pushes[t];
+        const std::span<const std::int32_t> centres = tool.centres;
+        for (std::size_t i = 0; i < pushes.size(); ++i) {
+            const double push = pushes[i];
             if (push <= 0.0) {
                 // Most are far away along the first axis already.
-                const auto centre = static_cast<std::size_t>(tool.centres[i]);
-                const std::size_t seen = _compliance.num_only_seen() + centre;
-                const double x = _places[centre][0] + base[seen][0] + _response[seen][0];
+                const auto centre = static_cast<std::size_t>(centres[i]);
+                const double x = places[centre][0] + before_it[centre][0] + by_it[centre][0];
                 if (x < box.low[0] || x > box.high[0])
                     continue;
                 if (!is_in(box, place_of(centre, base)) ||
@@ -201,6 +203,8 @@ bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Poi
 /// The patches of all entries, their corners, and of each entry the points that its gap depends on.
 void CondensedContact::gather_patches() {
     _patches.clear();
+    _owns.clear();
+    _gaps.clear();
     for (std::size_t e = 0; e < _entries.size(); ++e) {
         Entry &entry = _entries[e];
         entry.points.clear();
@@ -211,13 +215,12 @@ void CondensedContact::gather_patches() {
             };
             auto patch = std::ranges::find_if(_patches, is_it);
             if (patch == _patches.end()) {
-                _patches.push_back({entry.tool,
-                                    static_cast<std::size_t>(number),
-                                    {-1, -1, -1},
-                                    std::vector<std::int32_t>(tool.num_own, -1),
-                                    std::vector<std::int32_t>(tool.num_own * tool.num_corners, -1),
-                                    std::vector<Gap>(tool.num_points, Gap{0.0, {}})});
+                _patches.push_back({entry.tool, static_cast<std::size_t>(number)});
                 patch = _patches.end() - 1;
+                patch->first_own = _owns.size();
+                patch->first_gap = _gaps.size();
+                _owns.resize(_owns.size() + tool.num_own);
+                _gaps.resize(_gaps.size() + tool.num_points, Gap{0.0, {}});
                 for (std::size_t k = 0; k < tool.num_corners; ++k) {
                     const std::int32_t touched = tool.corners[patch->number * tool.num_corners + k];
                     if (touched < 0)
@@ -234,14 +237,14 @@ void CondensedContact::gather_patches() {
                 if (tool.constraints[patch->number * tool.num_own + c] !=
                     static_cast<std::int32_t>(entry.constraint))
                     continue;
-                patch->entries[c] = static_cast<std::int32_t>(e);
+                Own &own = _owns[patch->first_own + c];
+                own.entry = static_cast<std::int32_t>(e);
                 for (std::size_t k = 0; k < tool.num_corners; ++k) {
                     if (patch->corners[k] < 0)
                         continue;
                     const auto point = static_cast<std::size_t>(patch->corners[k]);
                     const auto at = std::ranges::find(entry.points, point);
-                    patch->slots[c * tool.num_corners + k] =
-                        static_cast<std::int32_t>(at - entry.points.begin());
+                    own.slots[k] = static_cast<std::int32_t>(at - entry.points.begin());
                     if (at == entry.points.end())
                         entry.points.push_back(point);
                 }
@@ -390,20 +393,20 @@ double CondensedContact::measure(std::span<const Pose> poses) {
         }
         for (std::size_t q = 0; q < tool.num_points; ++q) {
             const Gap gap = gap_at(tool.shape, poses[patch.tool], place_in(patch, q, corners));
-            patch.gaps[q] = gap;
+            _gaps[patch.first_gap + q] = gap;
             const double *parts = &tool.shape_functions[q * tool.num_corners];
             double push = 0.0;
             for (std::size_t c = 0; c < tool.num_own; ++c) {
                 const double share = share_of(patch, q, c);
-                if (patch.entries[c] < 0 || share == 0.0)
+                const Own &own = _owns[patch.first_own + c];
+                if (own.entry < 0 || share == 0.0)
                     continue;
-                Entry &entry = _entries[static_cast<std::size_t>(patch.entries[c])];
+                Entry &entry = _entries[static_cast<std::size_t>(own.entry)];
                 entry.gap += share * gap.distance;
                 push += share * entry.push;
                 for (std::size_t k = 0; k < tool.num_corners; ++k)
-                    if (const std::int32_t slot = patch.slots[c * tool.num_corners + k];
-                        slot >= 0) {
-                        Point &gradient = entry.gradient[static_cast<std::size_t>(slot)];
+                    if (patch.corners[k] >= 0) {
+                        Point &gradient = entry.gradient[static_cast<std::size_t>(own.slots[k])];
                         gradient = along(gradient, gap.normal, share * parts[k]);
                     }
             }
@@ -421,12 +424,11 @@ double CondensedContact::measure(std::span<const Pose> poses) {
 /// their push times kappa (I - n n^T - axis axis^T), between the corners of each.
 void CondensedContact::turn_normals() {
     _bent.clear();
-    _turning.clear();
     std::vector<std::size_t> row_of(_points.size(), _points.size());
     for (const Patch &patch : _patches) {
         const CondensedTool &tool = _tools[patch.tool];
         for (std::size_t q = 0; q < tool.num_points; ++q) {
-            const Gap &gap = patch.gaps[q];
+            const Gap &gap = _gaps[patch.first_gap + q];
             const double bend =
                 gap.curvature == 0.0 ? 0.0 : push_at(patch, q, &Entry::settled) * gap.curvature;
             if (bend == 0.0)
@@ -445,7 +447,9 @@ void CondensedContact::turn_normals() {
                 if (row == _points.size()) {
                     row = _bent.size();
                     _bent.push_back(static_cast<std::size_t>(patch.corners[k]));
-                    _turning.emplace_back();
+                    if (row == _turning.size())
+                        _turning.emplace_back();
+                    _turning[row].clear();
                 }
                 rows[k] = row;
             }
@@ -582,11 +586,11 @@ void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Po
     for (const Patch &patch : _patches) {
         const std::array<Point, 3> corners = corners_of(patch.tool, patch.number, base);
         ToolLoad &load = _loads[patch.tool];
-        for (std::size_t q = 0; q < patch.gaps.size(); ++q) {
+        for (std::size_t q = 0; q < _tools[patch.tool].num_points; ++q) {
             const double push = push_at(patch, q, &Entry::push);
             if (push == 0.0)
                 continue;
-            const Point force = along({}, patch.gaps[q].normal, -push);
+            const Point force = along({}, _gaps[patch.first_gap + q].normal, -push);
             const Point arm = minus(place_in(patch, q, corners), poses[patch.tool].position);
             load.force = along(load.force, force, 1.0);
             load.moment = along(load.moment, cross(arm, force), 1.0);

@@ -80,13 +80,17 @@ class CondensedContact {
         std::vector<std::size_t> points{}; // of `_points`, on which the gap depends
         std::vector<Point> gradient{};     // of the gap, by each of these
     };
-    /// A patch with an entry's constraint.
+    /// A constraint of a patch: its entry, -1 for none, and the corners in that one's gradient.
+    struct Own {
+        std::int32_t entry = -1;
+        std::array<std::int32_t, 3> slots{};
+    };
+    /// A patch with an entry's constraint; its own constraints and the gaps at its points begin at
+    /// these numbers of `_owns` and `_gaps`.
     struct Patch {
         std::size_t tool, number;
-        std::array<std::int32_t, 3> corners; // of `_points`, -1 for one at rest
-        std::vector<std::int32_t> entries;   // of its constraints, -1 for none
-        std::vector<std::int32_t> slots;     // of each constraint and corner in the gradient
-        std::vector<Gap> gaps;               // of its points
+        std::array<std::int32_t, 3> corners{-1, -1, -1}; // of `_points`, -1 for one at rest
+        std::size_t first_own = 0, first_gap = 0;
     };
 
     ContactOutcome go_to(std::span<const Pose> poses, std::span<const Point> base,
@@ -126,6 +130,8 @@ class CondensedContact {
     // Of the step at hand.
     std::vector<Entry> _entries;
     std::vector<Patch> _patches;
+    std::vector<Own> _owns;
+    std::vector<Gap> _gaps;
     std::vector<std::int32_t> _points;   // touched points of the patches
     std::vector<std::int32_t> _local;    // of each touched point among them, -1 for none
     std::vector<std::int32_t> _gathered; // whose parts of the compliance are in `_parts`
@@ -138,7 +144,7 @@ class CondensedContact {
     };
     static void add_part(std::vector<Turned> &column, std::size_t row, double factor,
                          const CompliancePart &part);
-    std::vector<std::vector<Turned>> _turning;   // D, column by column of these
+    std::vector<std::vector<Turned>> _turning;   // D, by the columns of these at least
     std::vector<CompliancePart> _response_parts; // C D
     std::vector<double> _matrix, _columns, _bent_columns, _small, _slack, _push;
     Complementarity _complementarity;
