@@ -62,7 +62,7 @@ _MOST_ROWS = 200
 # GitHub shows at most so many annotations of a kind for each step; the rest is counted.
 _MOST_ANNOTATIONS = 10
 _ANNOTATIONS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}
-# Digits of the problem's hash that distinguish it from any other.
+# Digits of a hash that distinguish it from any other.
 _KEY = 12
 # Libraries of the reference whose versions its numbers depend on.
 _LIBRARIES = ("dolfinx", "basix", "petsc")
@@ -289,7 +289,8 @@ def citation(result: CaseResult) -> str:
     built = f", built {reference['date']}" if "date" in reference else ""
     parts = [
         f"palpate {about.get('palpate', 'of unknown version')}, the palpate developers",
-        f"case {result.name} (problem {str(about.get('case_key', 'unknown'))[:_KEY]})",
+        f"case {result.name} (problem {_shortened(about, 'case_key')}, all inputs "
+        f"{_shortened(about, 'input_key')})",
         f"simulator {simulator}",
         f"reference FEniCSx, {libraries}{built}" if libraries else "",
         f"mesh of {mesh['num_points']} points and {mesh['num_cells']} tetrahedra, {mesh['origin']}"
@@ -298,6 +299,10 @@ def citation(result: CaseResult) -> str:
         f"judged {str(about['time'])[:10]}" if "time" in about else "",
     ]
     return "; ".join(filter(None, parts)) + "."
+
+
+def _shortened(about: Mapping[str, Any], key: str) -> str:
+    return str(about.get(key, "unknown"))[:_KEY]
 
 
 def write_outputs(

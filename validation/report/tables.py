@@ -137,7 +137,12 @@ def _cell(value: object) -> object:
 
 
 # The keys of a record, in this order.
-_OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file", "case_key")
+_OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file")
+# What each hash of a record covers.
+_HASHES = {
+    "case_key": "hash of the problem (mesh, material, supports, loads)",
+    "input_key": "hash of all inputs (problem, limits, evidence, [truth], stored truth)",
+}
 
 
 def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -147,6 +152,7 @@ def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     previous reference) are in the whole record only.
     """
     rows = [(name.replace("_", " "), str(record[name])) for name in _OWN if name in record]
+    rows += [(words, str(record[key])) for key, words in _HASHES.items() if key in record]
     mesh: Mapping[str, Any] = record.get("mesh") or {}
     if mesh:
         rows.append(("mesh", ", ".join(f"{k.replace('_', ' ')} {_short(mesh[k])}" for k in mesh)))
