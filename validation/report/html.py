@@ -39,6 +39,7 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
+from palpate.validation.report.linear_strain import green_truth, percent_off
 from palpate.validation.report.loads_and_tools import inclusion_names, inclusions_of
 from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
@@ -154,6 +155,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         size, unit = units.of(dimension)
         return f"{_number(value / size)} {_raised(unit)}"
 
+    record = in_own_units(result.provenance, units)
     budgets, no_budget = _budgets(result)
     tables = write_tables(result, folder, budgets)
     drawn = write_figures(result, folder, figures, budgets) if figures else []
@@ -188,6 +190,8 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "material": problem.material,
         "other_law": _other_law(problem.material.law),
         "green": [s for s in result.states if not s.is_reference and s.strain is Strain.GREEN],
+        "green_truth": green_truth(result),
+        "percents": [percent_off(result, state) for state in result.states],
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
@@ -203,8 +207,8 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         ],
         "masses": [own(mass.mass, "mass") for mass in problem.masses],
         "credibility": credibility_html(result),
-        "provenance": provenance_rows(result.provenance),
-        "record": record_text(in_own_units(result.provenance, units)),
+        "provenance": provenance_rows(record),
+        "record": record_text(record),
         "own": own,
         "in_own": units.in_case_units,
         "unit_of": {
@@ -216,11 +220,16 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
 
 
 def in_own_units(said: Any, units: Units) -> Any:
-    """Texts of a record, at any depth, with lengths and stresses in the case's units."""
+    """A record, at any depth, with the lengths and stresses of its texts in the case's units."""
     if isinstance(said, str):
         return units.in_case_units(said)
     if isinstance(said, Mapping):
-        return {key: in_own_units(value, units) for key, value in said.items()}
+        return {
+            key: f"{value / units.metres(1.0):.4g} {units.length}"
+            if key == "longest_edge"
+            else in_own_units(value, units)
+            for key, value in said.items()
+        }
     if isinstance(said, list | tuple):
         return [in_own_units(value, units) for value in said]
     return said

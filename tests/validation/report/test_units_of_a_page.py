@@ -80,6 +80,9 @@ def test_a_page_has_the_units_of_its_case(
     text = text_of(write_report([shown], tmp_path).read_text("utf-8"))
     assert units_in(text) == own
     assert f"{0.004 / units.of('length')[0]:g} {units.length} apart" in text
+    # The record's one length too, which is in metres in results.json.
+    edge = softer.provenance["mesh"]["longest_edge"] / units.of("length")[0]
+    assert f"longest edge {edge:.4g} {units.length}" in text
     # A number that is known by hand, under its heading.
     volume = 40.0 * 25.0 * 20.0 * (1e-3 / units.of("length")[0]) ** 3
     assert f"volume [{units.length}³]" in text
