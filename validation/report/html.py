@@ -40,7 +40,11 @@ from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
 from palpate.validation.report.linear_strain import green_truth, percent_off
-from palpate.validation.report.loads_and_tools import inclusion_names, inclusions_of
+from palpate.validation.report.loads_and_tools import (
+    inclusion_names,
+    inclusions_of,
+    tools_in_words,
+)
 from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
@@ -194,7 +198,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "percents": [percent_off(result, state) for state in result.states],
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
-        "tools": [type(tool.shape).__name__ for tool in problem.tools],
+        "tools": tools_in_words(problem, units),
         "inclusions": [
             f"{name}: {one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the "
             f"volume, E = {own(one.material.youngs_modulus, 'stress')}, Poisson's ratio "

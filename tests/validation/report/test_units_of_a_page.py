@@ -93,7 +93,8 @@ def test_pictures_and_the_scene_have_the_units_of_the_case(block: CaseResult) ->
     for unit, size in (("mm", 40.0), ("m", 0.04)):
         shown = dataclasses.replace(block, units=Units(length=unit))
         views = [view for views in result_views(shown).values() for view in views]
-        names = {s.values_name for view in views for s in view.surfaces if s.values is not None}
+        values = [s.values_name for view in views for s in view.surfaces if s.values is not None]
+        names = {name.partition("\n")[0] for name in values}
         assert names == {f"displacement [{unit}]", f"error [{unit}]"}
         original = views[0].surfaces[0].points
         assert np.ptp(original[:, 0]) == pytest.approx(size)
