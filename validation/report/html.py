@@ -49,10 +49,13 @@ from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
+from palpate.validation.report.truth_record import truth_record
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict, gravest
 
 _PACKAGE = "palpate.validation.report"
+# The state of a factor of V&V 40 that the case file has no evidence for.
+_ABSENT = "not given"
 # A key or a table of a case file that is commented out.
 _UNUSED_KEY = re.compile(r"\s*#\s*(\[{1,2}\w[\w.]*\]{1,2}|[\w.]+\s*=)")
 
@@ -167,6 +170,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
     data = {name: _data_url(path.read_bytes()) for name, path in pictures.items()}
     return {
         "trust": trust_of(result),
+        "truth": truth_record(result),
         "day": str(result.provenance["time"])[:10],
         "first_says": first[1] if first else "",
         "counts": Counter(check.verdict for check in result.checks).most_common(),
@@ -267,19 +271,27 @@ def credibility_html(result: CaseResult) -> Markup:
     """What the report contributes to a credibility file, factor by factor, and what is left."""
 
     def counted(against: str) -> dict[str, Any]:
-        checks = [check for check in result.checks if check.against == against]
+        checks = [c for c in result.checks if c.against == against and not c.is_vacuous]
         passed = sum(check.verdict is Verdict.PASSED for check in checks)
         bars = [check.reference_error for check in checks if check.reference_error < math.inf]
         return {
             "total": len(checks),
             "passed": passed,
-            "state": "yours" if not checks else "given" if passed == len(checks) else "in part",
+            "state": _ABSENT if not checks else "given" if passed == len(checks) else "in part",
             "bar": max(bars, default=0.0),
             "largest": max((c.value for c in checks if c.value is not None), default=None),
         }
 
+    # What the case file states beside [evidence]; none where it is not at hand.
+    try:
+        tables = parse_toml(result.case_text)
+    except InputError:
+        tables = {}
+    stated = {key: len(tables.get(key, ())) for key in ("measurement", "uncertainty")}
     template = report_environment().get_template("credibility.html.j2")
-    page = template.render(r=result, same=counted("same_mesh"), truth=counted("truth"))
+    page = template.render(
+        r=result, same=counted("same_mesh"), truth=counted("truth"), stated=stated
+    )
     return Markup(page)  # its texts are escaped
 
 

@@ -143,11 +143,7 @@ def _cell(value: object) -> object:
 
 # The keys of a record, in this order.
 _OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file")
-# What each hash of a record covers.
-_HASHES = {
-    "case_key": "hash of the problem (mesh, material, supports, loads)",
-    "input_key": "hash of all inputs (problem, limits, evidence, [truth], stored truth)",
-}
+_HASHES = {"case_key": "hash of the problem", "input_key": "hash of all inputs"}
 
 
 def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
