@@ -258,7 +258,8 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        52000,
+        52370,
+        "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 35: small cells near tools, force that ripples while a tool slides; "
         "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
@@ -270,7 +271,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62760,
+        63100,
+        "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
@@ -283,7 +285,8 @@ LINES = {
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
-        4210,
+        4213,
+        "issue 38: [mesh] beside a mesh file is refused; "
         "issue 35: a case on small cells near tools; issue 37: coarser labels; "
         "issue 36: [[mass]], measurements, other values of a case; issue 37: label images; "
         "issue 38: the first case marks every guess",
@@ -330,7 +333,9 @@ LINES = {
         "issue 39: corners and branches",
     ),
     "validation/report": (
-        4080,
+        4425,
+        "issue 38: a band for each answer, linear strain's error, the truth's record, depth of "
+        "tools, what a body hides of them, outlines, softest shapes that buckle; "
         "issue 37: pictures of bodies of several materials, cut open; "
         "issue 38: first screen, paper, units of the case, inclusions in 3-D, animations; "
         "issue 35: layers between clamps; issue 36: measured beside computed",

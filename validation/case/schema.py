@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case.body_schema import (
@@ -289,6 +290,18 @@ class CaseSpec(Table):
     """What a credibility file asks that only its author can say."""
     published: PlainData = Field(default_factory=dict)
     """Numbers of a paper, shown in the report; any keys."""
+
+    @model_validator(mode="after")
+    def _mesh_file_is_not_meshed(self) -> CaseSpec:
+        given = sorted(self.mesh.model_fields_set)
+        if self.geometry.mesh is not None and given:
+            raise PydanticCustomError(
+                "mesh_file",
+                "a mesh file is taken as it is; remove [mesh], or give the body as "
+                "[geometry] surface, which is meshed",
+                {"path": ("mesh", given[0])},
+            )
+        return self
 
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:

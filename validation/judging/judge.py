@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import multiprocessing
 import os
-import platform
-import shlex
 import signal
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
@@ -20,7 +16,6 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.quality import measure_quality
 from palpate.reference.schemes import Steps
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
@@ -37,6 +32,7 @@ from palpate.validation.judging.checks import (
     unjudged_check,
 )
 from palpate.validation.judging.precision import PrecisionGrant
+from palpate.validation.judging.provenance import provenance_of
 from palpate.validation.judging.results import (
     CaseResult,
     CheckResult,
@@ -50,7 +46,6 @@ from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.reference_set import SCALARS, ReferenceSet
-from palpate.validation.references.stored import problem_key
 from palpate.validation.states import (
     CandidateFailedError,
     ExitCode,
@@ -61,7 +56,6 @@ from palpate.validation.states import (
     gravest,
     in_silence,
 )
-from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
     from palpate.validation.diagnosis import Diagnosis
@@ -230,7 +224,7 @@ def _judge_one(
         problem=problem,
         candidates=(Judged(judged.name, verdict, element),),
         metrics=_all_metrics(case, candidates, references),
-        provenance=_provenance(case, references),
+        provenance=provenance_of(case, references, precision),
         notes=tuple(units.in_case_units(note) for note in notes),
         published=case.spec.published,
         error_fields=_error_lengths(candidates, references),
@@ -399,31 +393,6 @@ def _comparable(against: str, problem: Problem) -> list[str]:
         and not (is_truth and metric.needs_same_mesh)
         and not (is_truth and problem.time and not metric.has_moving_truth)
     ]
-
-
-def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
-    """Where and when a case was judged, with what, and against which reference."""
-    mesh = case.problem.mesh
-    quality = measure_quality(mesh)
-    return {
-        "palpate": version_of("palpate"),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "machine": f"{platform.system()} {platform.machine()}",
-        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "command": shlex.join(["palpate", *sys.argv[1:]]),
-        "case_key": problem_key(case.problem),
-        "case_file": case.file,
-        "called": case.called,
-        "mesh": {
-            "origin": case.mesh_origin,
-            "num_points": mesh.num_points,
-            "num_cells": mesh.num_cells,
-            "smallest_dihedral_deg": quality.smallest_dihedral_deg,
-            "longest_edge": quality.longest_edge,
-        },
-        "reference": {"origin": references.origin, **references.provenance},
-    }
 
 
 def exit_code(results: list[CaseResult]) -> int:

@@ -20,6 +20,7 @@ from rich.text import Text
 from palpate.meshes.own_files import own_path
 from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.quoting import (
     for_json,
     for_markdown,
@@ -62,17 +63,19 @@ _MOST_ROWS = 200
 # GitHub shows at most so many annotations of a kind for each step; the rest is counted.
 _MOST_ANNOTATIONS = 10
 _ANNOTATIONS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}
-# Digits of the problem's hash that distinguish it from any other.
+_SI = {"volume": "m3", "surface_area": "m2", "max_displacement": "m"}
+# Digits of a hash that distinguish it from any other.
 _KEY = 12
 # Libraries of the reference whose versions its numbers depend on.
 _LIBRARIES = ("dolfinx", "basix", "petsc")
 
 
 def results_json(results: Sequence[CaseResult], version: str) -> str:
-    """The results by the schema of the README; strict JSON, no NaN."""
+    """The results as strict JSON, no NaN; the unit of each number is in `units`, or beside it."""
     cases = [
         {name: getattr(result, name) for name in _OF_CASE}
         | {
+            "units": _units_of(result),
             "citation": citation(result),
             "candidates": [dataclasses.asdict(judged) for judged in result.candidates],
             "checks": [dataclasses.asdict(check) for check in result.checks],
@@ -82,6 +85,23 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
     ]
     document = {"palpate": version, "schema": 1, "cases": cases}
     return json_format.dumps(for_json(document), indent=2, allow_nan=False) + "\n"
+
+
+def _units_of(result: CaseResult) -> dict[str, Any]:
+    """The unit of every number of a case; those of a check are in its own `unit`."""
+    return {
+        "metrics": {name: _unit_of(name) for name in result.metrics},
+        "provenance": {"mesh.longest_edge": "m", "mesh.smallest_dihedral_deg": "degrees"},
+        "published": result.units.model_dump(),
+    }
+
+
+def _unit_of(name: str) -> str:
+    """Of a number by its name: sizes are SI, errors fractions of their scale or counts."""
+    number = name.rpartition(".")[2]
+    if name.startswith("error.") and number in CATALOGUE:
+        return CATALOGUE[number].unit
+    return _SI.get(number, "-")
 
 
 def _diagnosis_rows(found: Diagnosis) -> list[dict[str, Any]]:
@@ -289,7 +309,8 @@ def citation(result: CaseResult) -> str:
     built = f", built {reference['date']}" if "date" in reference else ""
     parts = [
         f"palpate {about.get('palpate', 'of unknown version')}, the palpate developers",
-        f"case {result.name} (problem {str(about.get('case_key', 'unknown'))[:_KEY]})",
+        f"case {result.name} (problem {_shortened(about, 'case_key')}, all inputs "
+        f"{_shortened(about, 'input_key')})",
         f"simulator {simulator}",
         f"reference FEniCSx, {libraries}{built}" if libraries else "",
         f"mesh of {mesh['num_points']} points and {mesh['num_cells']} tetrahedra, {mesh['origin']}"
@@ -298,6 +319,10 @@ def citation(result: CaseResult) -> str:
         f"judged {str(about['time'])[:10]}" if "time" in about else "",
     ]
     return "; ".join(filter(None, parts)) + "."
+
+
+def _shortened(about: Mapping[str, Any], key: str) -> str:
+    return str(about.get(key, "unknown"))[:_KEY]
 
 
 def write_outputs(

@@ -8,6 +8,7 @@ the case (`soundness`).
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -314,7 +315,7 @@ def write_reference(
         "key": key,
         "case": name,
         "origin": references.origin,
-        "provenance": provenance,
+        "provenance": {k: v for k, v in provenance.items() if k != _HASH},
         # JSON knows no infinity, which is a bar that allows no verdict.
         "bars": {
             f"{m}|{s}": bar if math.isfinite(bar) else None
@@ -361,7 +362,8 @@ def read_reference(path: Path) -> tuple[ReferenceSet, str]:
     """Read a file of references, whatever it was made for.
 
     Returns:
-        The references, not yet compared with any case; their key.
+        The references, not yet compared with any case, with the hash of their contents in their
+        provenance; their key.
 
     Raises:
         MissingReferenceError: Missing, damaged, or of another schema.
@@ -380,7 +382,9 @@ def read_reference(path: Path) -> tuple[ReferenceSet, str]:
         header = parse_json(str(arrays["header"]))
         if header["schema"] != SCHEMA:
             raise ValueError(f"schema {header['schema']}")
-        return _unpacked(header, arrays), str(header["key"])
+        found = _unpacked(header, arrays)
+        about = {**found.provenance, _HASH: str(stored_hash)}
+        return dataclasses.replace(found, provenance=about), str(header["key"])
     except UntrustedReferenceError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:

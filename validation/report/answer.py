@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.meshes.problem import Element, Strain
-from palpate.validation.judging.checks import STATED, decide
+from palpate.meshes.problem import Element
+from palpate.validation.judging.checks import STATED
 from palpate.validation.judging.results import (
     MEASUREMENT,
     CaseResult,
@@ -16,7 +16,8 @@ from palpate.validation.judging.results import (
     Judged,
     Scope,
 )
-from palpate.validation.metrics import OWN_MESH_REMEDY, measure
+from palpate.validation.metrics import OWN_MESH_REMEDY
+from palpate.validation.report.linear_strain import linear_strain_of
 from palpate.validation.states import Verdict
 
 # Names of quantities on the first screen; the tables below it use the metrics' names.
@@ -32,6 +33,22 @@ _QUANTITIES = {
     "surface_area": "change of surface area",
 }
 _SMOOTHED = "palpate gate {} --element smoothed"
+# Where nothing was compared with the truth, this replaces "passed".
+_NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
+_OF_LINEAR = {
+    Verdict.PASSED: "linear strain: will do",
+    Verdict.FAILED: "linear strain: will not do",
+    Verdict.INCONCLUSIVE: "linear strain: undecided",
+}
+
+
+@dataclass(frozen=True)
+class Band:
+    """What was found of one candidate, or of linear strain: colour, a few words, and a sentence."""
+
+    css: str
+    word: str
+    says: str
 
 
 @dataclass(frozen=True)
@@ -74,16 +91,28 @@ def used_of(check: CheckResult) -> float:
     return used if math.isfinite(used) else math.inf
 
 
-def answer_of(result: CaseResult, far: Sequence[CheckResult]) -> str:
-    """Whether each candidate is good enough, what passed first; and whether linear strain is.
+def bands_of(result: CaseResult, far: Sequence[CheckResult]) -> tuple[Band, ...]:
+    """A verdict for each candidate, what passed first, and one for linear strain.
 
     `far` are the checks against the truth, the worst first.
     """
     if result.tone == "narrow":
-        return result.scope.caution.capitalize() + "."
+        return (Band("narrow", _NARROW[result.scope], f"{result.scope.caution.capitalize()}."),)
     judged = sorted(result.candidates, key=lambda one: one.verdict is not Verdict.PASSED)
-    says = [_of_one(result, one, far) for one in judged]
-    return " ".join(filter(None, [*says, _linear_strain(result, far)]))
+    bands = [_band(result, one, far) for one in judged]
+    if linear := linear_strain_of(result, far):
+        bands.append(Band(str(linear.verdict), _OF_LINEAR[linear.verdict], linear.says))
+    return tuple(bands)
+
+
+def _band(result: CaseResult, judged: Judged, far: Sequence[CheckResult]) -> Band:
+    verdict = _verdict_of(result, judged)
+    says = _of_one(result, judged, far)
+    scopes = {c.scope for c in _checks_of(result, judged) if c.verdict is not Verdict.SKIPPED}
+    if verdict is Verdict.PASSED and Scope.TRUTH not in scopes:
+        scope = Scope.SAME_MESH if Scope.SAME_MESH in scopes else Scope.OWN
+        return Band("narrow", f"{judged.name}: {_NARROW[scope]}", says)
+    return Band(str(verdict), f"{judged.name}: {verdict}", says)
 
 
 def _of_one(result: CaseResult, judged: Judged, far: Sequence[CheckResult]) -> str:
@@ -118,43 +147,6 @@ def _of_one(result: CaseResult, judged: Judged, far: Sequence[CheckResult]) -> s
 
 def _off(check: CheckResult) -> str:
     return f"{quantity_of(check)} is off by {amount_of(check)}"
-
-
-def _linear_strain(result: CaseResult, far: Sequence[CheckResult]) -> str:
-    """Whether linear strain may stand in for Green's; "" where the case does not tell."""
-    asked = next((c for c in far if c.metric == "displacement_l2"), None)
-    if asked is None or asked.strain is not Strain.GREEN or result.problem.time is not None:
-        return ""
-    linear = [s for s in result.states if s.strain is Strain.LINEAR]
-    # The truth's own linear solution comes first: between the two there is the strain alone. Then
-    # smoothed tetrahedra, whose own error is small beside it.
-    linear = [s for s in linear if s.degree > 1 or not s.is_reference]
-    linear.sort(key=lambda s: (s.degree, len(s.label), s.element is Element.SMOOTHED), reverse=True)
-    found = [s for s in linear if s.is_reference] or linear
-    green = [
-        s
-        for s in result.states
-        if s.is_reference
-        and s.strain is Strain.GREEN
-        and s.degree > 1
-        and found
-        and s.displacement.shape == found[0].displacement.shape
-    ]
-    if not green:
-        return ""
-    # The finer truth has the longer name.
-    truth = max(green, key=lambda state: len(state.label))
-    value = measure("displacement_l2", result.problem, found[0], truth).value
-    verdict = decide(value, asked.reference_error, asked.limit)
-    if not math.isfinite(value):
-        return ""
-    may = {Verdict.PASSED: "may stand in", Verdict.FAILED: "may not stand in"}.get(
-        verdict, "can neither be allowed nor ruled out to stand in"
-    )
-    return (
-        f"Linear strain {may} for Green's: with it displacement is off by {100.0 * value:.2g} % "
-        f"(allowed: {100.0 * asked.limit:.2g} %)."
-    )
 
 
 def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> tuple[Step, ...]:

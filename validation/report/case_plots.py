@@ -61,9 +61,16 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     rows = [c for c in rows if c.unit == "-"]  # lengths and forces have no place on this axis
     if not rows:
         return None
-    size = medium.row
-    high = (0.9 + 0.34 * len(rows)) * size
-    figure, axes = pyplot.subplots(figsize=(medium.width, high))
+    size, is_page = medium.row, medium is PAGE
+    names = [_in_words(c.name) for c in reversed(rows)]
+    words = ("dot: relative error [-]", "line: reference's error bar", "upright tick: limit")
+    small = (1.0 if is_page else 0.8) * medium.font
+    if not is_page:  # a column has no room for one line
+        names = [name.replace(" (", "\n(") for name in names]
+    # By lines of text, each 1.2 of its size high: names that share a row's height overprint.
+    of_row = 1.2 * small * (max(name.count("\n") for name in names) + 1) + 0.6 * medium.font
+    below = 1.2 * medium.font * ((1 if is_page else len(words)) + 4.0)
+    figure, axes = pyplot.subplots(figsize=(medium.width, (len(rows) * of_row + below) / 72.0))
     for position, check in enumerate(reversed(rows)):
         value = max(check.value or 0.0, 1e-17)
         bar = check.reference_error if math.isfinite(check.reference_error) else 0.0
@@ -79,16 +86,10 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
         axes.plot(
             [check.limit] * 2, [position - 0.32, position + 0.32], color="black", lw=1.6 * size
         )
-    names = [_in_words(c.name) for c in reversed(rows)]
-    if medium is not PAGE:
-        names = [name.replace(" (", "\n(") for name in names]
-    axes.set_yticks(
-        range(len(rows)), names, fontsize=(1.0 if medium is PAGE else 0.8) * medium.font
-    )
+    axes.set_yticks(range(len(rows)), names, fontsize=small)
     axes.set_xscale("log")
-    axes.set_ylim(-0.6, len(rows) - 0.4)
-    words = ("dot: relative error [-]", "line: reference's error bar", "upright tick: limit")
-    axes.set_xlabel(("; " if medium is PAGE else ";\n").join(words))
+    axes.set_ylim(-0.5, len(rows) - 0.5)
+    axes.set_xlabel(("; " if is_page else ";\n").join(words))
     tidy(axes)
     figure.tight_layout()
     return figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import matplotlib as mpl
@@ -28,6 +28,9 @@ BEYOND = 0.3
 _ABOVE = np.array([0.0, 0.0, 0.6])
 # A facet that faces away from the light has this fraction of its colour.
 _SHADE = 0.62
+# Edges on coloured facets are this much darker; an outline is as wide as this part of all that is
+# drawn, and follows creases of more than so many degrees.
+_DARKER, _RIBBON, _CREASE = 0.88, 0.006, 50.0
 # More facets than this are drawn as pixels in a vector figure, which else takes megabytes.
 _MOST_FACETS = 20_000
 # Characters of a legend that fit under one view, and those that the patch of a colour takes.
@@ -39,8 +42,8 @@ class Surface:
     """Triangles in one colour, or in those of a value at each point, shown with a colour bar.
 
     The bar is called `values_name`, ends at `largest`, and has the `colours` of matplotlib. With
-    `is_wireframe` only edges are drawn, in the colour. A tool `is_beside`: it may leave the frame,
-    and widens it by `BEYOND` at most.
+    `is_outline` only its rim and its contour are drawn, in the colour. A tool `is_beside`: it may
+    leave the frame, and widens it by `BEYOND` at most.
     """
 
     points: Points
@@ -51,7 +54,7 @@ class Surface:
     largest: float = 1.0
     colours: str = "viridis"
     opacity: float = 1.0
-    is_wireframe: bool = False
+    is_outline: bool = False
     is_beside: bool = False
 
 
@@ -144,7 +147,7 @@ def _figure(views: Sequence[View], size: _Size) -> Figure:
     figure = Figure(figsize=(size.wide * len(views), size.high), dpi=size.dpi)
     for column, view in enumerate(views):
         left, wide = column / len(views), 1.0 / len(views)
-        low = 6.0 * size.row + _raised(view, size)
+        low = 7.2 * size.row + _raised(view, size)
         box = (left, low, wide, 1.0 - 3.5 * size.row - low)
         axes = figure.add_axes(box, projection="3d")
         _draw(axes, view, views, size)
@@ -163,21 +166,27 @@ def _draw(axes: Any, view: View, views: Sequence[View], size: _Size) -> None:
     axes.set_proj_type("ortho")
     eye = np.array(view.side) / np.linalg.norm(view.side)
     arrows = [_arrow(marks) for marks in view.marks if marks.vectors is not None]
-    # One collection: only within one are triangles sorted by depth.
-    faces, paints, edges = zip(
-        *(_faces(part, eye) for part in (*view.surfaces, *arrows)), strict=True
-    )
-    body = Poly3DCollection(
-        np.concatenate(faces),
-        facecolor=np.vstack(paints),
-        edgecolor=np.vstack(edges),
-        linewidth=0.25 * size.line,
-    )
-    body.set_rasterized(sum(map(len, faces)) > _MOST_FACETS)
-    axes.add_collection3d(body)
+    low, high = extent(views)
+    reach = float((high - low).max())
+    # Only within one collection are triangles sorted by depth. One sees through tools: they come
+    # after the body, without the facets that it hides.
+    bodies = [part for part in (*view.surfaces, *arrows) if not part.is_beside]
+    tools = [in_front(part, bodies, eye) for part in view.surfaces if part.is_beside]
+    for order, parts in enumerate((bodies, tools)):
+        if not parts:
+            continue
+        faces, paints, edges = zip(*(_faces(part, eye, reach) for part in parts), strict=True)
+        drawn = Poly3DCollection(
+            np.concatenate(faces),
+            facecolor=np.vstack(paints),
+            edgecolor=np.vstack(edges),
+            linewidth=0.25 * size.line,
+            zorder=order,
+        )
+        drawn.set_rasterized(sum(map(len, faces)) > _MOST_FACETS)
+        axes.add_collection3d(drawn)
     for marks in view.marks:
         _add_marks(axes, marks, size.line)
-    low, high = extent(views)
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{axis}lim")(a, b)
         getattr(axes, f"set_{axis}label")(
@@ -212,9 +221,9 @@ def _add_bar(axes: Any, part: Surface, size: _Size, raised: float) -> None:
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, part.largest), part.colours)
     above = axes.get_position()
     left, wide = above.x0 + 0.22 * above.width, 0.56 * above.width
-    below = axes.figure.add_axes((left, 4.6 * size.row + raised, wide, size.row))
+    below = axes.figure.add_axes((left, 5.8 * size.row + raised, wide, size.row))
     bar = axes.figure.colorbar(scale, cax=below, orientation="horizontal")
-    bar.set_label(part.values_name)
+    bar.set_label(part.values_name, fontsize=0.9 * size.font)
     bar.locator = mpl.ticker.MaxNLocator(3)
     bar.formatter = lambda value, _position: f"{value:.3g}"
     bar.solids.set(rasterized=False, edgecolor="face")
@@ -236,21 +245,21 @@ def _zoom(axes: Any, views: Sequence[View]) -> float:
     return float(0.97 / max(fills))
 
 
-def _faces(surface: Surface, eye: Floats) -> tuple[Floats, Floats, Floats]:
+def _faces(surface: Surface, eye: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
     """Corners of the facets that are seen, their colours and those of their edges.
 
-    A transparent surface shows all facets, a solid one those that face the eye; they are shaded by
-    a light that comes from the eye and from above.
+    A transparent body shows all facets, anything else those that face the eye; they are shaded by a
+    light that comes from the eye and from above. `reach` is the size of all that is drawn.
     """
+    if surface.is_outline:
+        corners = _ribbons(surface, eye, reach)
+        paint = np.tile(mpl.colors.to_rgba(surface.colour), (len(corners), 1))
+        return corners, paint, paint
     corners = surface.points[surface.facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    is_solid = not surface.is_wireframe and surface.opacity == 1.0
-    rows = normals @ eye > 0.0 if is_solid else np.ones(len(corners), dtype=bool)
+    normals = _normals(corners)
+    is_whole = surface.opacity == 1.0 or surface.is_beside
+    rows = normals @ eye > 0.0 if is_whole else np.ones(len(corners), dtype=bool)
     corners, count = corners[rows], int(rows.sum())
-    if surface.is_wireframe:
-        edges = np.tile(mpl.colors.to_rgba(surface.colour, 0.5), (count, 1))
-        return corners, np.zeros((count, 4)), edges
     if surface.values is None:
         paint = np.tile(mpl.colors.to_rgba(surface.colour, surface.opacity), (count, 1))
     else:
@@ -259,7 +268,66 @@ def _faces(surface: Surface, eye: Floats) -> tuple[Floats, Floats, Floats]:
     light = eye + _ABOVE
     facing = np.maximum(normals[rows] @ (light / np.linalg.norm(light)), 0.0)
     paint[:, :3] *= (_SHADE + (1.0 - _SHADE) * facing)[:, None]
+    if surface.values is not None:  # a mesh over colours would be read as part of them
+        return corners, paint, np.column_stack([_DARKER * paint[:, :3], paint[:, 3]])
     return corners, paint, np.tile(mpl.colors.to_rgba(_EDGES, 0.5), (count, 1))
+
+
+def _normals(corners: Floats) -> Floats:
+    """Unit normals of triangles (n, 3, 3); zero of one without an area."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    unit: Floats = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return unit
+
+
+def _ribbons(surface: Surface, eye: Floats, reach: float) -> Floats:
+    """Thin triangles (n, 3, 3) across the eye along the rim, contour and creases of what faces it.
+
+    They lie before the surface by an edge's length, so that the sorting by depth shows them whole.
+    """
+    facing = _normals(surface.points[surface.facets])
+    seen = facing @ eye > 0.0
+    facets, normals = surface.facets[seen], facing[seen]
+    sides = np.sort(facets[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, of = np.unique(sides, axis=0, return_inverse=True)
+    count = np.bincount(of.ravel(), minlength=len(edges))
+    total = np.zeros((len(edges), 3))
+    np.add.at(total, of.ravel(), np.repeat(normals, 3, axis=0))
+    # Two unit normals that are at an angle a to one another add up to 2 cos(a / 2).
+    is_crease = np.linalg.norm(total, axis=1) < 2.0 * np.cos(0.5 * np.radians(_CREASE))
+    edges = edges[(count == 1) | is_crease]
+    ends = surface.points[edges]
+    along = ends[:, 1] - ends[:, 0]
+    across = np.cross(along, eye)
+    across *= 0.5 * _RIBBON * reach / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    ends = ends + (np.linalg.norm(along, axis=1)[:, None] * eye)[:, None, :]
+    a, b, c, d = (ends[:, k] + way * across for k, way in ((0, -1), (1, -1), (1, 1), (0, 1)))
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def in_front(tool: Surface, bodies: Sequence[Surface], eye: Floats) -> Surface:
+    """A tool without the facets whose middles solid bodies hide from the eye."""
+    solid = [b for b in bodies if b.opacity == 1.0 and not b.is_outline and len(b.facets)]
+    if not solid:
+        return tool
+    corners = np.concatenate([b.points[b.facets] for b in solid])
+    right = np.linalg.svd(eye[None])[2][1]
+    up = np.cross(eye, right)
+    frame = np.stack([right, up], axis=1)
+    flat, depth = corners @ frame, corners @ eye
+    middles = tool.points[tool.facets].mean(axis=1)
+    at, height = middles @ frame, middles @ eye
+    (ax, ay), (bx, by), (cx, cy) = (flat[:, k].T for k in range(3))
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    area = np.where(np.abs(area) > 0.0, area, np.inf)
+    is_hidden = np.zeros(len(middles), dtype=bool)
+    for row, ((x, y), z) in enumerate(zip(at, height, strict=True)):
+        u = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+        v = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+        over = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & np.isfinite(area)
+        above = depth[:, 0] + u * (depth[:, 1] - depth[:, 0]) + v * (depth[:, 2] - depth[:, 0])
+        is_hidden[row] = bool((above[over] > z).any())
+    return replace(tool, facets=tool.facets[~is_hidden])
 
 
 def _arrow(marks: Marks) -> Surface:

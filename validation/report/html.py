@@ -39,15 +39,23 @@ from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
-from palpate.validation.report.loads_and_tools import inclusion_names, inclusions_of
+from palpate.validation.report.linear_strain import green_truth, percent_off
+from palpate.validation.report.loads_and_tools import (
+    inclusion_names,
+    inclusions_of,
+    tools_in_words,
+)
 from palpate.validation.report.measured_plots import measured_figure
 from palpate.validation.report.pictures import draw_pictures, first_view
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
+from palpate.validation.report.truth_record import truth_record
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict, gravest
 
 _PACKAGE = "palpate.validation.report"
+# The state of a factor of V&V 40 that the case file has no evidence for.
+_ABSENT = "not given"
 # A key or a table of a case file that is commented out.
 _UNUSED_KEY = re.compile(r"\s*#\s*(\[{1,2}\w[\w.]*\]{1,2}|[\w.]+\s*=)")
 
@@ -154,6 +162,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         size, unit = units.of(dimension)
         return f"{_number(value / size)} {_raised(unit)}"
 
+    record = in_own_units(result.provenance, units)
     budgets, no_budget = _budgets(result)
     tables = write_tables(result, folder, budgets)
     drawn = write_figures(result, folder, figures, budgets) if figures else []
@@ -161,6 +170,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
     data = {name: _data_url(path.read_bytes()) for name, path in pictures.items()}
     return {
         "trust": trust_of(result),
+        "truth": truth_record(result),
         "day": str(result.provenance["time"])[:10],
         "first_says": first[1] if first else "",
         "counts": Counter(check.verdict for check in result.checks).most_common(),
@@ -188,9 +198,11 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "material": problem.material,
         "other_law": _other_law(problem.material.law),
         "green": [s for s in result.states if not s.is_reference and s.strain is Strain.GREEN],
+        "green_truth": green_truth(result),
+        "percents": [percent_off(result, state) for state in result.states],
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
-        "tools": [type(tool.shape).__name__ for tool in problem.tools],
+        "tools": tools_in_words(problem, units),
         "inclusions": [
             f"{name}: {one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the "
             f"volume, E = {own(one.material.youngs_modulus, 'stress')}, Poisson's ratio "
@@ -203,8 +215,8 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         ],
         "masses": [own(mass.mass, "mass") for mass in problem.masses],
         "credibility": credibility_html(result),
-        "provenance": provenance_rows(result.provenance),
-        "record": record_text(in_own_units(result.provenance, units)),
+        "provenance": provenance_rows(record),
+        "record": record_text(record),
         "own": own,
         "in_own": units.in_case_units,
         "unit_of": {
@@ -216,11 +228,16 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
 
 
 def in_own_units(said: Any, units: Units) -> Any:
-    """Texts of a record, at any depth, with lengths and stresses in the case's units."""
+    """A record, at any depth, with the lengths and stresses of its texts in the case's units."""
     if isinstance(said, str):
         return units.in_case_units(said)
     if isinstance(said, Mapping):
-        return {key: in_own_units(value, units) for key, value in said.items()}
+        return {
+            key: f"{value / units.metres(1.0):.4g} {units.length}"
+            if key == "longest_edge"
+            else in_own_units(value, units)
+            for key, value in said.items()
+        }
     if isinstance(said, list | tuple):
         return [in_own_units(value, units) for value in said]
     return said
@@ -254,19 +271,27 @@ def credibility_html(result: CaseResult) -> Markup:
     """What the report contributes to a credibility file, factor by factor, and what is left."""
 
     def counted(against: str) -> dict[str, Any]:
-        checks = [check for check in result.checks if check.against == against]
+        checks = [c for c in result.checks if c.against == against and not c.is_vacuous]
         passed = sum(check.verdict is Verdict.PASSED for check in checks)
         bars = [check.reference_error for check in checks if check.reference_error < math.inf]
         return {
             "total": len(checks),
             "passed": passed,
-            "state": "yours" if not checks else "given" if passed == len(checks) else "in part",
+            "state": _ABSENT if not checks else "given" if passed == len(checks) else "in part",
             "bar": max(bars, default=0.0),
             "largest": max((c.value for c in checks if c.value is not None), default=None),
         }
 
+    # What the case file states beside [evidence]; none where it is not at hand.
+    try:
+        tables = parse_toml(result.case_text)
+    except InputError:
+        tables = {}
+    stated = {key: len(tables.get(key, ())) for key in ("measurement", "uncertainty")}
     template = report_environment().get_template("credibility.html.j2")
-    page = template.render(r=result, same=counted("same_mesh"), truth=counted("truth"))
+    page = template.render(
+        r=result, same=counted("same_mesh"), truth=counted("truth"), stated=stated
+    )
     return Markup(page)  # its texts are escaped
 
 

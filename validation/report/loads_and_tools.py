@@ -103,7 +103,7 @@ def load_arrows(problem: Problem, scale: float) -> Points:
     for load, size in zip(whole, sizes, strict=True):
         way = load.force / size if size else np.zeros(3)
         arrow = reach * way * (0.12 + 0.18 * size / largest)
-        start = _start(points, load, load.center / scale, arrow)
+        start = _start(points, problem.mesh.boundary_facets, load, load.center / scale, arrow)
         arrows.append(np.array([[start, arrow]]))
     return np.concatenate([np.zeros((0, 2, 3)), *arrows])
 
@@ -144,7 +144,9 @@ def _spread_arrows(points: Points, load: Resultant, reach: float) -> Points:
     return np.stack([starts, arrows], axis=1)
 
 
-def _start(points: Points, load: Resultant, center: Points, arrow: Points) -> Points:
+def _start(
+    points: Points, boundary: Indices, load: Resultant, center: Points, arrow: Points
+) -> Points:
     """Start of an arrow outside of the body: a push ends on its surface, a pull begins there."""
     length = float(np.linalg.norm(arrow))
     if length == 0.0:
@@ -155,9 +157,14 @@ def _start(points: Points, load: Resultant, center: Points, arrow: Points) -> Po
     outward = area_vectors(points, load.facets).sum(axis=0)
     is_pull = bool(outward @ arrow > 0.0)
     # The point of the loaded facets nearest to the line of the force: about where they meet.
-    middles = points[load.facets].mean(axis=1) if len(load.facets) else points
+    # A weight has none: its arrow ends where its line enters the body, and is not hidden in it.
+    is_weight = not len(load.facets)
+    middles = points[boundary if is_weight else load.facets].mean(axis=1)
     along = (middles - center) @ direction
     beside = np.linalg.norm(middles - center - along[:, None] * direction, axis=1)
+    if is_weight:
+        near = beside <= beside.min() + 0.2 * length
+        return center + direction * float(along[near].min()) - arrow
     beside[along < -1e-9 * length if is_pull else along > 1e-9 * length] = np.inf
     met = center + direction * float(along[beside.argmin()])
     return met if is_pull else met - arrow
@@ -195,6 +202,46 @@ def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tupl
         case PlaneShape():
             low, high = np.array([-0.5, -0.5, -0.05]), np.array([0.5, 0.5, 0.0])
             return size * np.where(_BOX > 0, high, low), _BOX_FACETS
+
+
+# Points of each facet at which a tool's depth is measured: barycentric, in tenths.
+_TENTHS = [(i, j, 10 - i - j) for i in range(11) for j in range(11 - i)]
+
+
+def depth_of(tool: RigidTool, problem: Problem) -> float | None:
+    """How deep a tool's last pose reaches into the body at rest [m], 0 where it does not touch.
+
+    None of a tool that a force drives, and of one whose shape is a surface.
+    """
+    if tool.drive is not None or isinstance(tool.shape, SurfaceShape):
+        return None
+    position, turn = tool.path.pose_at(float(tool.path.times[-1]))
+    corners = problem.mesh.points[problem.mesh.boundary_facets]
+    weights = np.array(_TENTHS) / 10.0
+    points = (np.einsum("wk,fkx->fwx", weights, corners).reshape(-1, 3) - position) @ turn
+    match tool.shape:
+        case SphereShape(radius):
+            within = radius - np.linalg.norm(points, axis=1)
+        case CapsuleShape(radius, half_length):
+            points[:, 2] -= np.clip(points[:, 2], -half_length, half_length)
+            within = radius - np.linalg.norm(points, axis=1)
+        case BoxShape(half_widths):
+            within = (np.array(half_widths) - np.abs(points)).min(axis=1)
+        case PlaneShape():
+            within = -points[:, 2]
+    return max(float(within.max()), 0.0)
+
+
+def tools_in_words(problem: Problem, units: Units) -> list[str]:
+    """Each tool as "sphere, 2 mm deep in the rest shape at the end", in the case's unit."""
+    size, unit = units.of("length")
+    words = []
+    for tool in problem.tools:
+        words.append(type(tool.shape).__name__.removesuffix("Shape").lower())
+        depth = depth_of(tool, problem)
+        if depth is not None:
+            words[-1] += f", {depth / size:.3g} {unit} deep in the rest shape at the end"
+    return words
 
 
 def tools_around(

@@ -49,12 +49,16 @@ from palpate.validation.report.loads_and_tools import (
     resultant_of,
     spring_arrows,
     tool_surface,
+    tools_in_words,
 )
+from palpate.validation.states import State
 
 # Number of straight lines by which a path is drawn.
 _POSES = 60
 _CUT = (0.35, -1.0, 0.45)
 _SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
+# A scale of errors ends at the largest one: its dark end says nothing of a verdict.
+_NO_LIMIT = "\ndarkest: the largest here, no limit"
 # Opacity of surfaces that one sees through.
 _PALE = 0.35
 
@@ -250,12 +254,13 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         _tools(problem, scale, at_end=at_end, driven=False) for at_end in (False, True)
     )
     fixed = joined([support.facets for support in problem.supports])
-    original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
+    original = Surface(points, facets, GREEN, is_outline=True)
 
     def around(moved: Points) -> list[Surface]:
-        return [Surface(moved, fixed, BLUE, is_wireframe=True), *ended]
+        return [Surface(moved, fixed, BLUE, is_outline=True), *ended]
 
     inside = ", inside: other materials" if problem.inclusions else ""
+    inside += "".join(f"; tool: {words}" for words in tools_in_words(problem, result.units)[:1])
     views = [
         View(
             f"original (blue: fixed, red: pushed{inside})",
@@ -269,7 +274,7 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         coloured = Surface(
             moved, facets, values=length, values_name=f"displacement [{unit}]", largest=largest
         )
-        title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
+        title = f"{state.label if several else STRAIN_NAMES[state.strain]} (green line: at rest)"
         views.append(View(title, [coloured, original, *around(moved)], side, marks))
     errors = []
     # The same mesh, then the best truth, which comes first of all.
@@ -278,6 +283,7 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
         compared = [(states[one], states[other]) for one, other in pairs.pairs]
         wrong = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in compared]
         # Errors that are compared with the same kind of reference have one scale.
+        name = f"error [{unit}]{_NO_LIMIT}"
         top = error_top(result, max(float(length.max()) for length in wrong)) / scale
         for (one, other), length in zip(compared, wrong, strict=True):
             moved = points + one.displacement / scale
@@ -285,13 +291,17 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
                 moved,
                 facets,
                 values=length / scale,
-                values_name=f"error [{unit}]",
+                values_name=name,
                 largest=top,
                 colours="magma_r",
             )
-            title = f"{one.label} - {other.label}"
+            title = _error_title(one, other)
             errors.append(View(title, [coloured, *around(moved)], side, marks))
     return {"states": views} | ({"errors": errors} if errors else {})
+
+
+def _error_title(one: State, other: State) -> str:
+    return f"{one.label}: error against {other.label}"
 
 
 def first_view(result: CaseResult) -> tuple[View, str] | None:
@@ -311,7 +321,7 @@ def first_view(result: CaseResult) -> tuple[View, str] | None:
         ),
     )
     shown, against = states[one], "the truth" if compared[0].is_truth else "the same mesh solved"
-    name = f"{shown.label} - {states[other].label}"
+    name = _error_title(shown, states[other])
     view = next(v for v in result_views(result)["errors"] if v.title == name)
     legend = [("fixed", BLUE)] if result.problem.supports else []
     legend += [("pushed or pulled", RED)] if result.problem.loads or result.problem.springs else []
@@ -322,8 +332,11 @@ def first_view(result: CaseResult) -> tuple[View, str] | None:
     def as_shown(part: Surface) -> Surface:
         if part.values is not None:
             return replace(part, facets=part.facets[~are_among(part.facets, fixed)])
-        return replace(part, is_wireframe=False) if part.is_wireframe else part
+        return replace(part, is_outline=False) if part.is_outline else part
 
     surfaces = [as_shown(part) for part in view.surfaces]
     words = f"{shown.label}, {STRAIN_NAMES[shown.strain]}: distance of each point from {against}."
+    words += " The darkest colour is the largest distance here, not a limit."
+    if tools := tools_in_words(result.problem, result.units):
+        words += f" Tool: {'; '.join(tools)}."
     return replace(view, surfaces=surfaces, title="", legend=legend), words

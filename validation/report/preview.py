@@ -345,15 +345,18 @@ def _costs(about: Description, problem: Problem, units: Units) -> None:
 
 def _buckling(about: Description, problem: Problem) -> None:
     """Report the load over the first critical one, where it is within a factor of ten of it."""
-    ratio = load_over_critical(problem)
-    if ratio is None or ratio < _WORTH_SAYING:
+    found = load_over_critical(problem)
+    if found is None or found.ratio < _WORTH_SAYING:
         return
-    about.say("buckling", f"{ratio:.2g} times its first critical load (linear, smoothed cells)")
-    if ratio > 1.0:
+    words = f"{found.ratio:.2g} times its first critical load (linear, smoothed cells)"
+    if not found.is_settled:
+        words = f"{found.least:.2g} to {words}: uncertain, a mode of one edge or cell of this mesh"
+    about.say("buckling", words)
+    if found.least > 1.0:
         about.warnings.append(
-            f"the load is {ratio:.2g} times the first critical one (linear buckling): Green strain "
-            "has several equilibria, and two right solvers may find different ones; add a small "
-            "load that prefers one side, or lower the load"
+            f"the load is {found.least:.2g} times the first critical one (linear buckling): Green "
+            "strain has several equilibria, and two right solvers may find different ones; add a "
+            "small load that prefers one side, or lower the load"
         )
 
 

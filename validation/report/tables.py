@@ -13,6 +13,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.judging.error_budget import Budget, budget_rows
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import csv_text
+from palpate.validation.report.linear_strain import percent_off
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,6 @@ _CHECK = (
     "unit", "scale", "bar_says", "is_vacuous", "precision", "reason",
 )  # fmt: skip
 _SOLUTION = ("label", "strain", "element", "degree")
-_NUMBERS = {
-    "max_displacement": "largest displacement [m]",
-    "volume": "volume [m3]",
-    "surface_area": "surface area [m2]",
-    "smallest_det_f": "smallest det F",
-    "seconds": "time [s], none of what was stored",
-}
 
 
 def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = ()) -> list[Path]:
@@ -109,13 +103,7 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
     texts = {
         "states": state_table_csv(result),
         "checks": csv_text(_CHECK, ([_cell(getattr(c, n)) for n in _CHECK] for c in result.checks)),
-        "solutions": csv_text(
-            ["simulator", *_SOLUTION[1:], *_NUMBERS.values()],
-            (
-                [_cell(getattr(s, n) or None) for n in (*_SOLUTION, *_NUMBERS)]
-                for s in result.states
-            ),
-        ),
+        "solutions": solutions_csv(result),
     }
     if budgets:
         texts["budget"] = csv_text(*budget_rows(list(budgets), result.units))
@@ -125,6 +113,23 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
         path.write_text(text, encoding="utf-8")
         made.append(path)
     return made
+
+
+def solutions_csv(result: CaseResult) -> str:
+    """Every solution in the case's units, and how far its displacement is from the truth's."""
+    sizes = [result.units.of(dimension) for dimension in ("length", "volume", "area")]
+    names = ("largest displacement", "volume", "surface area")
+    columns = ["simulator", *_SOLUTION[1:]]
+    columns += [f"{name} [{unit}]" for name, (_, unit) in zip(names, sizes, strict=True)]
+    columns += ["smallest det F [-]", "displacement off the truth with Green strain [%]"]
+    rows = []
+    for state in result.states:
+        numbers = (state.max_displacement, state.volume, state.surface_area)
+        own = [value / size for value, (size, _) in zip(numbers, sizes, strict=True)]
+        others = (state.smallest_det_f, percent_off(result, state), state.seconds or None)
+        about = [getattr(state, name) or None for name in _SOLUTION]
+        rows.append([_cell(value) for value in (*about, *own, *others)])
+    return csv_text([*columns, "time [s], none of what was stored"], rows)
 
 
 def _cell(value: object) -> object:
@@ -137,7 +142,8 @@ def _cell(value: object) -> object:
 
 
 # The keys of a record, in this order.
-_OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file", "case_key")
+_OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file")
+_HASHES = {"case_key": "hash of the problem", "input_key": "hash of all inputs"}
 
 
 def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -147,6 +153,7 @@ def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     previous reference) are in the whole record only.
     """
     rows = [(name.replace("_", " "), str(record[name])) for name in _OWN if name in record]
+    rows += [(words, str(record[key])) for key, words in _HASHES.items() if key in record]
     mesh: Mapping[str, Any] = record.get("mesh") or {}
     if mesh:
         rows.append(("mesh", ", ".join(f"{k.replace('_', ' ')} {_short(mesh[k])}" for k in mesh)))

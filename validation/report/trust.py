@@ -13,9 +13,10 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope, error_name
 from palpate.validation.report.answer import (
+    Band,
     Step,
     amount_of,
-    answer_of,
+    bands_of,
     next_steps,
     quantity_of,
     used_of,
@@ -30,8 +31,6 @@ _END = 2.0
 # A bar above this fraction of the limit is mentioned.
 _WIDE = 0.25
 _FIRST = ("displacement_l2", "trajectory_l2")
-# Where nothing was compared with the truth, this replaces "passed".
-_NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
 
 
 @dataclass(frozen=True)
@@ -52,16 +51,13 @@ class Row:
 class Trust:
     """What a person who must decide reads first.
 
-    The verdict's `css` class (see `CaseResult.tone`) and `word` (if it passed without a truth, what
-    it was judged against; of several candidates how many passed), the `answer` in a sentence for
-    each, what to do `next`, a sentence on each group of `failures`, distances from the truth beside
-    what the use needs (`scale`, the worst first), the `context` of use, the reason for the limit
-    that is `needed`, the gravest `caveat`, and the most probable `explanation` of a failure.
+    A verdict on each candidate and on linear strain (`bands`), what to do `next`, a sentence on
+    each group of `failures`, distances from the truth beside what the use needs (`scale`, the worst
+    first), the `context` of use, the reason for the limit that is `needed`, the gravest `caveat`,
+    and the most probable `explanation` of a failure.
     """
 
-    css: str
-    word: str
-    answer: str
+    bands: tuple[Band, ...]
     next: tuple[Step, ...]
     failures: tuple[str, ...]
     scale: tuple[Row, ...]
@@ -70,15 +66,18 @@ class Trust:
     caveat: str
     explanation: str
 
+    @property
+    def answer(self) -> str:
+        """The sentences of all bands."""
+        return " ".join(band.says for band in self.bands)
+
 
 def trust_of(result: CaseResult) -> Trust:
     """Summarise a judged case."""
     far = _from_truth(result.checks)
     several = len(result.candidates) > 1
     return Trust(
-        css=result.tone,
-        word=_word(result),
-        answer=answer_of(result, far),
+        bands=bands_of(result, far),
         next=next_steps(result, far, result.units.in_case_units(_mistake(result))),
         failures=tuple(
             _group(result, judged) for judged in result.candidates if _left(result, judged)
@@ -90,15 +89,6 @@ def trust_of(result: CaseResult) -> Trust:
         caveat=_caveat(result, far),
         explanation=result.units.in_case_units(_explanation(result)),
     )
-
-
-def _word(result: CaseResult) -> str:
-    """The verdict in a word; where candidates differ, how many of them passed."""
-    if result.tone == "narrow":
-        return _NARROW[result.scope]
-    good = sum(judged.verdict is Verdict.PASSED for judged in result.candidates)
-    total = len(result.candidates)
-    return f"{good} of {total} passed" if 0 < good < total else str(result.verdict)
 
 
 def _from_truth(checks: Sequence[CheckResult]) -> list[CheckResult]:

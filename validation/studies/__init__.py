@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Name -> what it shows, a line.
 STUDIES = {
     "beam": "Fig. 2: linear strain stretches a beam falsely, Green does not",
-    "calibration": "error bars of the truth against 68 known solutions",
+    "calibration": "error bars of the truth against known solutions",
     "convergence": "the kidney's order and error bar (GCI) on three meshes",
     "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error over processor time of every simulator that is installed",

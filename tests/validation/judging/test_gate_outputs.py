@@ -47,6 +47,18 @@ def test_the_metrics_are_all_that_compare_with_each_reference(healthy):
     assert not [name for name in names if "tool_force" in name or "trajectory" in name]
 
 
+def test_every_number_of_the_results_states_its_unit(healthy):
+    (case,) = json.loads(outputs.results_json([healthy], "0"))["cases"]
+    units = case["units"]["metrics"]
+    assert units.keys() == case["metrics"].keys()
+    assert units["rest.volume"] == "m3"
+    assert units["fastsim.green.max_displacement"] == "m"
+    assert units["fastsim.green.smallest_det_f"] == "-"
+    # The error of a volume is relative, though a volume is not.
+    assert units["error.same_mesh.green.volume"] == "-"
+    assert case["units"]["published"]["length"] == "mm"
+
+
 def test_a_failure_is_an_error_and_its_text_cannot_break_out(healthy, softer):
     assert github_annotations([healthy]) == []
     assert github_annotations([softer])[0].startswith("::error ")

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from case_texts import BOX, END, FORCE
 
-from palpate.meshes.boundary_conditions import Traction
+from palpate.fastsim.mesher import mesh_surface
+from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.shapes import shape_box
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import CaseJudge
@@ -25,6 +28,8 @@ from palpate.validation.references.branches import (
 )
 from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 from palpate.validation.references.statics import solve_live
+from palpate.validation.report import preview
+from palpate.validation.report.buckling import Buckling
 from palpate.validation.report.buckling import load_over_critical as load_of_check
 from palpate.validation.report.preview import describe_case
 from palpate.validation.states import Verdict, in_silence
@@ -190,10 +195,45 @@ def test_check_warns_of_a_load_past_eulers(write_case):
 
 def test_linear_buckling_of_the_case_is_eulers():
     # By 30 cells along it; they are too stiff by 1 %, and 12 by 27 %.
-    assert load_of_check(column(1.3, count=30)) == pytest.approx(1.3, rel=0.02)
-    assert load_of_check(column(-1.3, count=30)) == 0.0
+    found = load_of_check(column(1.3, count=30))
+    assert found.ratio == pytest.approx(1.3, rel=0.02)
+    assert found.is_settled
+    assert load_of_check(column(-1.3, count=30)).ratio == 0.0
     # A side force that bends it by more than a fifth of its length leaves nothing to be said.
     assert load_of_check(column(1.3, sideways=1.0, count=30)) is None
+
+
+def glued(flat):
+    """A block of 6 x 4 x 3 cm under four times its weight, glued by a third of its base.
+
+    If `flat`, one point is drawn to the edge of what is glued, so that a cell is nearly flat.
+    """
+    mesh = mesh_surface(shape_box((0.06, 0.04, 0.03), edge_length=0.01))
+    if flat:
+        points = mesh.points.copy()
+        (row,) = np.flatnonzero(np.abs(points - [0.02, 0.0, 0.01]).max(axis=1) < 1e-9)
+        points[row, 2] = 0.0005
+        mesh = TetMesh(points, mesh.cells)
+    base = side(mesh, 2, 0.0)
+    part = base[mesh.points[base][:, :, 0].max(axis=1) <= 0.02 + 1e-9]
+    weight = BodyForce((0.0, 0.0, -4.0 * 9810.0))
+    return Problem(mesh, Material(2e5, 0.4), (support_of(part),), (weight,))
+
+
+def test_a_flat_cell_does_not_buckle_the_body():
+    """Where all displacements of the mesh counted, it made 0.42 of 0.12."""
+    good, bad = load_of_check(glued(flat=False)), load_of_check(glued(flat=True))
+    assert good.is_settled
+    assert bad.ratio == pytest.approx(good.ratio, rel=0.1)
+
+
+def test_what_more_shapes_change_is_said_as_a_range_without_a_warning(write_case, monkeypatch):
+    monkeypatch.setattr(preview, "load_over_critical", lambda _problem: Buckling(0.4, 1.6))
+    about = slender(write_case, -1e-3)
+    (line,) = [line for line in about.lines if line.startswith("buckling")]
+    assert "0.4 to 1.6 times its first critical load" in line
+    assert "uncertain" in line
+    assert not any("buckling" in warning for warning in about.warnings)
 
 
 @pytest.mark.dolfinx

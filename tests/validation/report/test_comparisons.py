@@ -53,16 +53,16 @@ def test_pictures_show_both_and_the_reference_on_one_scale(both: CaseResult) -> 
     pictures = result_views(both)
     titles = [panel.title for panel in pictures["states"]]
     assert titles[1:] == [
-        f"{name} (wires: original)"
+        f"{name} (green line: at rest)"
         for name in ("fastsim", "fastsim (smoothed)", "reference P2, refined")
     ]
     assert len({panel.surfaces[0].largest for panel in pictures["states"][1:]}) == 1
     errors = pictures["errors"]
     assert [panel.title for panel in errors] == [
-        "fastsim - reference P1",
-        "fastsim (smoothed) - reference smoothed",
-        "fastsim - reference P2, refined",
-        "fastsim (smoothed) - reference P2, refined",
+        "fastsim: error against reference P1",
+        "fastsim (smoothed): error against reference smoothed",
+        "fastsim: error against reference P2, refined",
+        "fastsim (smoothed): error against reference P2, refined",
     ]
     plain, smoothed = (panel.surfaces[0] for panel in errors[2:])
     assert plain.largest == smoothed.largest
@@ -94,7 +94,7 @@ def test_a_candidate_alone_looks_as_ever() -> None:
     assert {BLUE, OCHRE} <= lines_of(svg)
     assert "to reference P1" in svg
     assert [panel.title for panel in result_views(alone)["states"]][1:] == [
-        "linear strain (wires: original)", "Green strain (wires: original)",
+        "linear strain (green line: at rest)", "Green strain (green line: at rest)",
     ]  # fmt: skip
 
 

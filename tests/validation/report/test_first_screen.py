@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import csv
 import dataclasses
+import io
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -19,6 +21,7 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics import measure
 from palpate.validation.report.html import write_report
 from palpate.validation.report.pictures import first_view
+from palpate.validation.report.tables import solutions_csv
 from palpate.validation.report.trust import trust_of
 from palpate.validation.states import Verdict, gravest
 
@@ -114,7 +117,12 @@ def test_without_a_truth_the_next_step_is_to_build_it(kidney: CaseResult) -> Non
 
 def test_of_several_the_one_that_passed_is_recommended(pair: CaseResult) -> None:
     trust = trust_of(pair)
-    assert (trust.word, trust.css) == ("1 of 2 passed", "failed")
+    # The colour of each answer is its own: none is red above a recommendation, or green above a no.
+    assert [(band.css, band.word) for band in trust.bands] == [
+        ("passed", "fastsim (smoothed): passed"),
+        ("failed", "fastsim: failed"),
+        ("failed", "linear strain: will not do"),
+    ]
     assert trust.answer.startswith("fastsim (smoothed) is good enough")
     assert "fastsim is not good enough" in trust.answer
     assert trust.next[0].says.startswith("Use fastsim (smoothed)")
@@ -142,15 +150,39 @@ def test_whether_linear_strain_may_stand_in_is_answered(kidney: CaseResult) -> N
     off = measure("displacement_l2", kidney.problem, linear, green).value
     assert off > 0.5
     said = f"may not stand in for Green's: with it displacement is off by {100 * off:.2g} %"
-    assert said in trust_of(kidney).answer
+    band = trust_of(kidney).bands[-1]
+    assert said in band.says
+    assert band.css == "failed"
+    # It is in a table too, for the page and for a spreadsheet.
+    rows = list(csv.DictReader(io.StringIO(solutions_csv(kidney))))
+    (row,) = [r for r in rows if (r["simulator"], r["strain"]) == (linear.label, "linear")]
+    assert float(row["displacement off the truth with Green strain [%]"]) == pytest.approx(
+        100.0 * off, rel=1e-9
+    )
     # Of a use that allows for more it may.
     allowed = tuple(
         dataclasses.replace(c, limit=1.0) if c.metric == "displacement_l2" else c
         for c in kidney.checks
     )
-    assert (
-        "Linear strain may stand in" in trust_of(dataclasses.replace(kidney, checks=allowed)).answer
-    )
+    band = trust_of(dataclasses.replace(kidney, checks=allowed)).bands[-1]
+    assert "Linear strain may stand in" in band.says
+    assert band.css == "passed"
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_what_passed_stands_in_another_band_than_what_did_not(
+    smoothed: CaseResult, tmp_path: Path
+) -> None:
+    """The case asks whether linear strain may stand in: no answer of "no" is on a green band."""
+    page = write_report([smoothed], tmp_path).read_text("utf-8")
+    bands = re.findall(r"<div class=\"verdict (\w+)\">(.*?)</div>", page)
+    assert [css for css, _ in bands] == ["passed", "failed"]
+    assert "fastsim (smoothed): passed" in bands[0][1]
+    assert "may not stand in" not in bands[0][1]
+    assert "may not stand in" in bands[1][1]
+    table = page.partition("Every solution")[2].partition("</table>")[0]
+    assert "displacement off the truth [%]" in table
+    assert ">the truth</td>" in table
 
 
 @pytest.mark.usefixtures("no_pictures")

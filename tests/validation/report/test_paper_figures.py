@@ -73,7 +73,10 @@ def test_tables_carry_every_check_and_solution(both: CaseResult, tmp_path: Path)
         assert float(row["value"]) == pytest.approx(check.value, rel=1e-9)
         assert float(row["limit"]) == check.limit
     for row, state in zip(rows["solutions"], both.states, strict=True):
-        assert float(row["volume [m3]"]) == pytest.approx(state.volume, rel=1e-9)
+        # In the case's units, as the figures are.
+        assert float(row["volume [mm3]"]) == pytest.approx(1e9 * state.volume, rel=1e-9)
+        length = float(row["largest displacement [mm]"])
+        assert length == pytest.approx(1e3 * state.max_displacement, rel=1e-9)
 
 
 def test_a_line_to_cite_names_every_version(both: CaseResult) -> None:

@@ -24,6 +24,7 @@ from palpate.validation.report import html
 from palpate.validation.report.comparisons import choose_camera, comparisons_of
 from palpate.validation.report.pdf import paper_size
 from palpate.validation.report.tables import provenance_rows, record_text, state_table
+from palpate.validation.report.truth_record import truth_record
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
 
@@ -207,7 +208,12 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     page, factors = credibility(kidney)
     assert len(factors) == 13
     assert factors["numerical code verification"][1] == "given"
-    assert factors["test samples"][1] == "yours"
+    name, evidence = "relevance of the quantities of interest", kidney.evidence
+    assert factors[name] == (evidence["quantities_of_interest"], "given")
+    # What the case does not show says what to write where.
+    for name, key in (("test samples", "[[measurement]]"), ("model inputs", "[[uncertainty]]")):
+        assert factors[name][1] == "not given"
+        assert f"Write {key} in the case" in factors[name][0]
     assert kidney.evidence["context_of_use"] in page
     names = "material.poissons_ratio, load[0].force"
     assert factors["model inputs"][0].endswith(f"Fitted, as [evidence] says: {names}.")
@@ -228,9 +234,41 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     page, factors = credibility(stated)
     assert "<b>Context of use.</b> training" in page
     assert "decision: low; consequence of a wrong decision: high." in page
+    assert factors["relevance of the quantities of interest"][1] == "given"
+    bare = dataclasses.replace(kidney, evidence={}, checks=())
+    _, absent = credibility(bare)
+    assert {state for _, state in absent.values()} == {"not given", "in part"}
+    for name in ("numerical code verification", "equivalency of input parameters"):
+        assert absent[name][1] == "not given"
+        assert "against = &#34;same_mesh&#34;" in absent[name][0]
+    assert (
+        "quantities_of_interest in [evidence]"
+        in absent["relevance of the quantities of interest"][0]
+    )
     failed = [dataclasses.replace(c, verdict=Verdict.FAILED) for c in kidney.checks]
     _, red = credibility(dataclasses.replace(kidney, checks=tuple(failed)))
     assert red["numerical code verification"][1] == "in part"
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_the_page_has_the_truth_s_record(kidney: CaseResult, tmp_path: Path) -> None:
+    page = html.write_report([kidney], tmp_path).read_text("utf-8")
+    part = page.partition("How the truth was found</h2>")[2].partition("<h2")[0]
+    reference = kidney.provenance["reference"]
+    green = reference["adaptive"]["green"]
+    for words in (
+        " → ".join(map(str, green["cells"])),
+        f"{green['unknowns'][-1]} unknowns on the last",
+        html.for_html(green["ended"]),
+        reference["date"],
+        reference["accepted"]["by"],
+        reference["sha256"],
+        "discretisation 0.0031",
+    ):
+        assert words in part, words
+    facts, bars = truth_record(dataclasses.replace(kidney, provenance={}))
+    assert [name for name, _ in facts] == ["stored truth"]
+    assert bars == ()
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -279,7 +317,8 @@ def test_paper_is_that_of_the_locale(
 def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:
     rows = dict(provenance_rows(kidney.provenance))
     assert rows["palpate"] == kidney.provenance["palpate"]
-    assert rows["case key"] == kidney.provenance["case_key"]
+    hashes = [value for name, value in rows.items() if name.startswith("hash of")]
+    assert hashes == [kidney.provenance[key] for key in ("case_key", "input_key")]
     assert "num cells 4860" in rows["mesh"]
     assert f"dolfinx {kidney.provenance['reference']['versions']['dolfinx']}" in rows["with"]
     own = {name: value for name, value in rows.items() if name != "command"}  # pytest's here

@@ -54,7 +54,7 @@ def test_a_skipped_check_against_the_truth_makes_no_scope(kidney: CaseResult) ->
 
 def test_a_pass_without_a_truth_is_not_green(block: CaseResult) -> None:
     trust = trust_of(block)
-    assert (trust.word, trust.css) == ("same mesh only", "narrow")
+    assert [(band.word, band.css) for band in trust.bands] == [("same mesh only", "narrow")]
     assert "same mesh only" in trust.answer
     assert trust.scale == ()
     assert trust.context.startswith("Verification alone")
@@ -74,7 +74,7 @@ def test_a_failure_against_the_truth_says_how_far_it_is_and_what_is_needed(
         (c for c in kidney.checks if c.against == "truth" and c.value is not None),
         key=lambda c: (c.value or 0.0) / c.limit,
     )
-    assert trust.css == "failed"
+    assert trust.bands[0].css == "failed"
     assert f"{100 * (worst.value or 0.0):.2g} %" in trust.answer
     assert f"(allowed: {100 * worst.limit:.2g} %)" in trust.answer
     (group,) = trust.failures
@@ -115,7 +115,7 @@ def test_every_output_takes_its_colour_from_one_place(block: CaseResult, scope: 
     check = dataclasses.replace(block.checks[0], against=against)
     result = dataclasses.replace(block, checks=(check,))
     is_green = scope is Scope.TRUTH
-    assert result.tone == trust_of(result).css == ("passed" if is_green else "narrow")
+    assert result.tone == trust_of(result).bands[0].css == ("passed" if is_green else "narrow")
     console = Console(record=True, force_terminal=True, color_system="standard", file=io.StringIO())
     print_results([result], console)
     last = console.export_text(styles=True).rstrip().splitlines()[-1]

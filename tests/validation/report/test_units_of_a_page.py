@@ -80,6 +80,9 @@ def test_a_page_has_the_units_of_its_case(
     text = text_of(write_report([shown], tmp_path).read_text("utf-8"))
     assert units_in(text) == own
     assert f"{0.004 / units.of('length')[0]:g} {units.length} apart" in text
+    # The record's one length too, which is in metres in results.json.
+    edge = softer.provenance["mesh"]["longest_edge"] / units.of("length")[0]
+    assert f"longest edge {edge:.4g} {units.length}" in text
     # A number that is known by hand, under its heading.
     volume = 40.0 * 25.0 * 20.0 * (1e-3 / units.of("length")[0]) ** 3
     assert f"volume [{units.length}³]" in text
@@ -90,7 +93,8 @@ def test_pictures_and_the_scene_have_the_units_of_the_case(block: CaseResult) ->
     for unit, size in (("mm", 40.0), ("m", 0.04)):
         shown = dataclasses.replace(block, units=Units(length=unit))
         views = [view for views in result_views(shown).values() for view in views]
-        names = {s.values_name for view in views for s in view.surfaces if s.values is not None}
+        values = [s.values_name for view in views for s in view.surfaces if s.values is not None]
+        names = {name.partition("\n")[0] for name in values}
         assert names == {f"displacement [{unit}]", f"error [{unit}]"}
         original = views[0].surfaces[0].points
         assert np.ptp(original[:, 0]) == pytest.approx(size)

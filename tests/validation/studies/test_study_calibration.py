@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import tarfile
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +19,13 @@ from calibration_recipe.shapes import confined_modulus
 from calibration_recipe.smooth import smooth_problem
 from scipy.optimize import brentq
 
+from palpate import validation
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.states import Verdict, in_silence
-from palpate.validation.studies import calibration
+from palpate.validation.studies import STUDIES, calibration
 from palpate.validation.studies.calibration import (
     LOG,
     STORE,
@@ -100,6 +103,14 @@ def test_a_store_that_has_changed_is_refused(tmp_path, name) -> None:
             tar.add(each, each.name)
     with pytest.raises(FileFormatError, match="it has not its hash"):
         known_problems(tmp_path / "altered.tar.xz")
+
+
+def test_documentation_counts_what_the_store_has() -> None:
+    """One number is stated, in one place; the help of `palpate study` states none."""
+    page = Path(validation.__file__).parent / "documentation" / "meshing.md"
+    stated = re.findall(r"against (\d+) known solutions", page.read_text("utf-8"))
+    assert stated == [str(len(known_problems()))]
+    assert not re.search(r"\d", STUDIES["calibration"])
 
 
 def test_half_of_every_family_is_set_apart_by_its_names() -> None:
