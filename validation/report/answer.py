@@ -200,11 +200,15 @@ def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> 
             "Find the equation that it does not satisfy: measure its result against each of them."
         )
         return (Step(words, (f"palpate audit {called} RESULT",)),)
-    if _is_ours(result, judged) and judged.element is Element.LINEAR:
+    is_ours = _is_ours(result, judged)
+    if is_ours and all(one.element is Element.LINEAR for one in result.candidates):
         words = (
             "Its mesh is too coarse for linear tetrahedra: judge smoothed ones on the same mesh."
         )
         return (Step(words, (_SMOOTHED.format(called),)),)
+    if is_ours and result.problem.tools and not _is_near_tool(result):
+        words = "The mesh is too coarse under the tool: judge smoothed ones with small cells there."
+        return (Step(words, (f"{_SMOOTHED.format(called)} --near-tool",)),)
     words = (
         "The mesh is too coarse for this use: halve its edges in the case, see what that costs, "
         "and judge it again."
@@ -247,6 +251,10 @@ def _again(result: CaseResult, judged: Judged, called: str) -> tuple[str, ...]:
     given = str(result.provenance.get("command", ""))
     is_one = given.startswith(("palpate gate ", "palpate report ", "palpate compare "))
     return (given,) if is_one else ()
+
+
+def _is_near_tool(result: CaseResult) -> bool:
+    return "--near-tool" in str(result.provenance.get("command", ""))
 
 
 def _is_ours(result: CaseResult, judged: Judged) -> bool:

@@ -68,6 +68,17 @@ def first_screen(result: CaseResult, folder: Path) -> str:
 
 
 @pytest.mark.usefixtures("no_pictures")
+def test_where_both_elements_fail_under_a_tool_its_cells_are_to_be_small() -> None:
+    candidates = [fastsim_candidate(element=element) for element in Element]
+    result = judge_case(load_case("press"), candidate=candidates)
+    (step,) = trust_of(result).next
+    assert "small cells there" in step.says
+    assert step.commands == ("palpate gate press --element smoothed --near-tool",)
+    near = {**result.provenance, "command": "palpate gate press --near-tool --element both"}
+    (step,) = trust_of(dataclasses.replace(result, provenance=near)).next
+    assert "halve its edges" in step.says
+
+
 def test_of_a_case_that_passed(smoothed: CaseResult, tmp_path: Path) -> None:
     text = first_screen(smoothed, tmp_path)
     assert smoothed.verdict is Verdict.PASSED
