@@ -127,7 +127,9 @@ def _classes(granted: Floats, shortest: float, time_step: float) -> Indices:
     """The first class of each cell that is fit for a step [s]; the last is fit for contact."""
     of_one = -np.log(_core.ratio_of_classes())
     rounding = 1e-9
-    classes = np.ceil(np.log(time_step / granted) / of_one - rounding).clip(0).astype(np.int32)
+    classes: Indices = (
+        np.ceil(np.log(time_step / granted) / of_one - rounding).clip(0).astype(np.int32)
+    )
     last = int(np.ceil(np.log(time_step / shortest) / of_one - rounding))
     if classes.max() < last:
         # What decides the step of one class is in the last, which tools are looked at with.

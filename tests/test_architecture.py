@@ -244,7 +244,7 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        14010,
+        14015,
         "issue 35: classes of cells, steps of several lengths; "
         "issue 35: small cells near tools; "
         "issue 37: repairs by part, wraps both ways within their time; "
@@ -271,7 +271,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        63090,
+        63150,
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "

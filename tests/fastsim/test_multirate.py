@@ -9,23 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+import palpate
 from palpate.fastsim import explicit_body
 from palpate.fastsim.cell_classes import LEAST_DAMPING, PART_OF_CRITICAL
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.fastsim.grading.size_fields import (
     distance_to_points,
     grow_with_distance,
     refine_to_size,
 )
-from palpate.meshes.boundary_conditions import Support
-from palpate.meshes.bricks import brick_box
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
+from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import ContactRule, RigidTool, SphereShape, ToolPath
 
 SIZE = 0.03
@@ -286,6 +288,55 @@ def test_contact_is_that_of_one_class() -> None:
     assert several.tools[0].mean_forces[-1] == pytest.approx(
         one.tools[0].mean_forces[-1], abs=0.02 * np.linalg.norm(one.tools[0].mean_forces[-1])
     )
+
+
+@pytest.mark.parametrize("precision", list(Precision))
+@pytest.mark.parametrize("law", [Law.SAINT_VENANT_KIRCHHOFF, Law.NEO_HOOKEAN_STABLE])
+def test_loads_and_supports_are_those_of_one_class(law: Law, precision: Precision) -> None:
+    mesh = graded_block(0.002, divisions=4).mesh
+    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    pulled = np.flatnonzero(mesh.points[:, 0] > SIZE - 1e-9).astype(np.int32)
+    ramp = TabularAmplitude((0.0, 0.05), (0.0, 1.0))
+    problem = Problem(
+        mesh,
+        Material(3000.0, 0.45, 1000.0, law),
+        (
+            Support(held),
+            Support(
+                pulled,
+                components=(True, False, False),
+                displacement=(0.003, 0.0, 0.0),
+                amplitude=ramp,
+            ),
+        ),
+        (
+            BodyForce((0.0, 0.0, -2000.0)),
+            Pressure(side(mesh, 2, SIZE), 30.0, amplitude=ramp),
+        ),
+        TimeSpan(0.1, None, num_outputs=2, mass_damping=20.0),
+        inclusions=(
+            Inclusion(np.arange(0, 60, dtype=np.int32), Material(6000.0, 0.4, 1000.0, law)),
+        ),
+    )
+    one = simulate(problem, precision=precision)
+    several = simulate(problem, precision=precision, multirate=True)
+    assert len(several.classes) >= 3
+    scale = np.abs(one.displacements).max()
+    # Both have errors by parts of (omega h)^2; the step is three times as long.
+    np.testing.assert_allclose(
+        several.displacements, one.displacements, rtol=0.0, atol=0.02 * scale
+    )
+    np.testing.assert_allclose(several.displacements[:, pulled, 0], one.displacements[:, pulled, 0])
+
+
+def test_a_state_names_its_classes() -> None:
+    state = palpate.simulate(pressed(SPAN), multirate=True)
+    counts, steps = zip(*state.details["classes"], strict=True)
+    assert sum(counts) == state.problem.mesh.num_cells
+    assert list(steps) == sorted(steps, reverse=True)
+    still = dataclasses.replace(graded_block(0.004), loads=(BodyForce((0.0, 0.0, -1.0)),))
+    with pytest.raises(InputError, match="fastsim's motions"):
+        palpate.solve(still, multirate=True)
 
 
 def test_a_tool_is_pushed_by_what_it_pushes_with() -> None:

@@ -78,21 +78,24 @@ void RigidTools<Real>::sort_by_distance(std::span<const ToolStep> now, const Mot
         Tool &tool = _tools[t];
         // In a step of the body no looked at place is farther from its begin than it moves.
         const double margin = 2.0 * tool.on_facets.fastest;
-        const Box box = posed_box(box_of(tool.settings.shape), tool.at(now[t]), margin);
+        const Pose pose = tool.at(now[t]);
+        const Box box = posed_box(box_of(tool.settings.shape), pose, margin);
+        const bool is_sharp = std::holds_alternative<SharpBox>(tool.settings.shape);
         const auto is_near = [&](const TouchFacet &facet) {
+            std::array<Point, 3> corner{};
+            for (std::size_t k = 0; k < 3; ++k)
+                for (std::size_t j = 0; j < 3; ++j)
+                    corner[k][j] = facet.rest[k][j] +
+                                   static_cast<double>(motion.displacement[facet.entries[k] + j]);
             for (std::size_t j = 0; j < 3; ++j) {
-                double low = box.high[j], high = box.low[j];
-                for (std::size_t k = 0; k < 3; ++k) {
-                    const double place =
-                        facet.rest[k][j] +
-                        static_cast<double>(motion.displacement[facet.entries[k] + j]);
-                    low = std::min(low, place);
-                    high = std::max(high, place);
-                }
+                const auto [low, high] = std::minmax({corner[0][j], corner[1][j], corner[2][j]});
                 if (!(low < box.high[j] && high > box.low[j]))
                     return false;
             }
-            return true;
+            return is_sharp || !is_clear(tool.settings.shape,
+                                         {pose.to_tool(corner[0]), pose.to_tool(corner[1]),
+                                          pose.to_tool(corner[2])},
+                                         margin);
         };
         const auto end = std::ranges::partition(tool.facets, is_near).begin();
         tool.num_near = static_cast<std::size_t>(end - tool.facets.begin());

@@ -45,7 +45,7 @@ Multirate<Real>::Multirate(const ElasticBody &body, const PointRecords &records,
 template <typename Real> Real Multirate<Real>::add_forces(Motion<Real> &motion) {
     Real least(1);
     for (Level &level : _levels) {
-        std::ranges::fill(level.force, Real(0));
+        std::fill_n(level.force.data(), level.num_entries, Real(0));
         const Real found = level.cells->add(0, motion.displacement.data(), {}, level.force.data());
         least = found > least ? least : found; // NaN is handed on
         for (std::size_t i = 0; i < level.num_entries; ++i)
@@ -62,8 +62,9 @@ Real Multirate<Real>::average(Motion<Real> &motion, RigidTools<Real> &tools,
     _now = now;
     _facets = &facets;
     take_points_near(tools, now, motion);
-    for (Level &level : _levels) // cells of other classes are strained here and there
-        level.place = motion.displacement;
+    if (_is_smoothed) // cells of other classes are strained here and there
+        for (Level &level : _levels)
+            level.place = motion.displacement;
     _levels[0].for_each_entry([&](std::size_t i) {
         _frozen[i] = motion.external[i] - motion.force[i];
         for (const Level &level : _levels)
