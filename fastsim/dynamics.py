@@ -50,6 +50,7 @@ class DynamicResult:
         num_steps: Number of time steps.
         energies: Energies, if they were tracked; else None.
         instruction_set: Instruction set that the step used.
+        classes: Number of cells and step [s] of each class of cells.
         tools: Positions of each tool, and the loads on it.
     """
 
@@ -61,6 +62,7 @@ class DynamicResult:
     num_steps: int
     energies: Energies | None = None
     instruction_set: str = ""
+    classes: tuple[tuple[int, float], ...] = ()
     tools: tuple[ToolTrack, ...] = ()
 
 
@@ -79,6 +81,7 @@ def simulate(
     tracks_energy: bool = False,
     contact: ContactLaw | None = None,
     body_contact: ContactLaw | None = None,
+    multirate: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> DynamicResult:
     """Run the explicit scheme over the problem's time span.
@@ -106,6 +109,7 @@ def simulate(
             facets, a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
+        multirate: Steps of several lengths, where they save work; see `ExplicitBody`.
         progress: Called with one line per stored state.
 
     Returns:
@@ -136,6 +140,7 @@ def simulate(
         tracks_energy=tracks_energy,
         contact=contact,
         body_contact=body_contact,
+        multirate=multirate,
     )
     recorder = Recorder(body, tracks_energy=tracks_energy)
     for output, now in enumerate(recorder.times):
@@ -193,5 +198,8 @@ class Recorder:
             num_steps=body.steps,
             energies=balance,
             instruction_set=body.instruction_set,
+            classes=tuple(
+                zip(body.classes.counts, body.classes.time_steps(body.time_step), strict=True)
+            ),
             tools=tracks,
         )

@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.body import Body
-from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.cell_classes import (
+    choose_classes,
+    one_class,
+    require_damping,
+    require_possible,
+)
+from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.explicit_tools import TOOL_RECORD, TOOL_STEP, ExplicitTools
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.fastsim.explicit_loads import ExplicitLoads, ExplicitSprings
@@ -73,6 +79,9 @@ class ExplicitBody:
             facets, a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
             mesh); None lets them pass through each other.
+        multirate: Steps of several lengths, where they save work: small cells make more of them
+            than large ones; see `palpate.fastsim.cell_classes`, also for what it leaves out. One
+            thread; contact of tools is then a penalty over facets.
         mass: Fictitious lumped mass [kg], shape (num_points,), for dynamic relaxation; the caller
             then sees to a stable time step. None is the material's.
         tools: Contact of the tools, prepared for that mass; None prepares it here.
@@ -80,7 +89,8 @@ class ExplicitBody:
     Attributes:
         elastic: The body at rest.
         time_step: [s].
-        critical_time_step: With contact and stiffness damping [s].
+        critical_time_step: With contact and stiffness damping [s]; of all classes of cells.
+        classes: Classes of the cells; one without `multirate`.
         steps_per_output: Steps between two outputs of the time span; 1 without one.
         steps: Number of accepted time steps since the start.
         tools: The rigid tools; None without any.
@@ -126,6 +136,7 @@ class ExplicitBody:
         tracks_energy: bool = False,
         contact: ContactLaw | None = None,
         body_contact: ContactLaw | None = None,
+        multirate: bool = False,
         mass: Floats | None = None,
         tools: ExplicitTools | None = None,
     ) -> None:
@@ -142,16 +153,39 @@ class ExplicitBody:
         critical = np.inf
         if mass is None:
             critical = critical_with_springs(self.elastic, self._loads.springs, chosen)
+        if multirate:
+            require_possible(
+                problem,
+                self.elastic,
+                slides=self._loads.slides,
+                num_threads=num_threads,
+                device=device,
+                contact=contact,
+                body_contact=body_contact,
+                is_timed=mass is None,
+            )
+            contact = contact or ContactLaw(ContactForm.PENALTY)
         self.critical_time_step, self.tools, self._body_contact = bound_step(
             problem,
             self._mass,
             critical,
-            time_step=chosen,
+            time_step=None if multirate else chosen,
             stiffness_damping=self._stiffness_damping,
             contact=contact,
             body_contact=body_contact,
             tools=tools,
         )
+        self.classes = one_class(mesh.num_cells, self.critical_time_step)
+        if multirate:
+            self.classes = choose_classes(
+                problem,
+                element,
+                critical=critical,
+                critical_with_contact=self.critical_time_step,
+                time_step=chosen,
+                safety=SAFETY,
+            )
+            self.critical_time_step = self.classes.critical_time_step
         if chosen is not None and chosen > self.critical_time_step:
             raise UnstableStepError(chosen, self.critical_time_step)
         wanted = SAFETY * self.critical_time_step if chosen is None else chosen
@@ -159,6 +193,8 @@ class ExplicitBody:
         if span is not None and time_step is None:
             self.time_step, self.steps_per_output = divided(span, wanted)
         mass_damping = span.mass_damping if span and is_timed else 0.0
+        if self._is_multirate and strain is Strain.GREEN:
+            require_damping(mass_damping, self.time_step)
         self._scheme = _core.CentralDifference(self.time_step, mass_damping)
         self.run = make_run(
             problem,
@@ -174,6 +210,7 @@ class ExplicitBody:
             num_threads=num_threads,
             device=device,
             is_repeatable=is_repeatable,
+            classes=self.classes.of_cells,
         )
         self._loads.attach(self.run)
         if self.tools is not None:
@@ -241,12 +278,16 @@ class ExplicitBody:
             self.tools.start(placed)
         # Eq. 13: a(-dt) = a - dt v + dt^2 / 2 a''.
         dt, mass = self.time_step, self._mass[:, None]
-        force = self._net_force(self._loads.at(0.0, placed), placed, dt * speed)
-        acceleration = force / mass - self._scheme.mass_damping * speed
-        increment = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
         energy = self.elastic.strain_energy(placed)
         energy += 0.5 * float(np.sum(mass * speed**2))
         self.steps = 0
+        if self._is_multirate:
+            self.run.set_state(placed, dt * speed, energy)
+            force = self._force_of_step()
+        else:
+            force = self._net_force(self._loads.at(0.0, placed), placed, dt * speed)
+        acceleration = force / mass - self._scheme.mass_damping * speed
+        increment = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
         self._displacement[:], self._increment[:] = placed, increment
         self.run.set_state(self._displacement, self._increment, energy)
         self._is_read, self._is_looked_at = True, False
@@ -366,10 +407,24 @@ class ExplicitBody:
 
     def velocity(self) -> Points:
         """Central velocity at the present state [m/s]: the mean of the two increments."""
-        force, increment = self.force(), self._read()[1]
+        increment = self._read()[1]
+        force = self._force_of_step() if self._is_multirate else self.force()
         ahead = self._scheme.next_increments(increment, self._mass, force)
         ahead = self._loads.moved(ahead, self.time, self.time + self.time_step)
         return (increment + ahead) / (2.0 * self.time_step)
+
+    @property
+    def _is_multirate(self) -> bool:
+        return len(self.classes.counts) > 1
+
+    def _force_of_step(self) -> Points:
+        """What the next step of several classes takes for `force` [N]: their mean over it."""
+        assert isinstance(self.run, _core.ExplicitRun)
+        self._is_looked_at = False
+        self.look()
+        force: Points = np.empty_like(self._displacement)
+        self.run.get_net_force(force)
+        return force
 
     def load(self) -> Points:
         """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""

@@ -55,6 +55,11 @@ class ExplicitLoads:
             else:
                 self._dead[history] += external_force(self._alone(load))
 
+    @property
+    def slides(self) -> bool:
+        """Whether points slide along slanted walls."""
+        return self._moving.slides is not None
+
     def attach(self, run: ExplicitRun) -> None:
         """Set all loads, springs and supports of a run."""
         for history, forces in enumerate(self._dead):

@@ -11,7 +11,7 @@ from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.gpu.devices import CORE, UnsupportedOnDeviceError, check_device
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Floats
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.problem import Problem
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def make_run(
     num_threads: int,
     device: str,
     is_repeatable: bool,
+    classes: Indices,
     **options: Any,
 ) -> ExplicitRun:
     """A run on the core ("cpu") or on a device; see `ExplicitBody`.
@@ -53,6 +54,7 @@ def make_run(
             at_most=chosen_instruction_set(),
             is_single=is_single,
             stiffness_damping=stiffness_damping,
+            classes=classes,
             **options,
         )
     if stiffness_damping:

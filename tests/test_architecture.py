@@ -244,7 +244,8 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13740,
+        14015,
+        "issue 35: classes of cells, steps of several lengths; "
         "issue 35: small cells near tools; "
         "issue 37: repairs by part, wraps both ways within their time; "
         "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
@@ -271,8 +272,9 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        63100,
+        63150,
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
+        "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
@@ -283,7 +285,7 @@ LINES = {
         "issue 39: known results of contact, motion and inflation; "
         "issue 40: stand-ins for FEBio and SOFA",
     ),
-    "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
+    "validation/candidates": (1545, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
         4213,
         "issue 38: [mesh] beside a mesh file is refused; "
@@ -292,8 +294,8 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2680,
-        "issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
+        2685,
+        "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),

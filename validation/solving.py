@@ -44,6 +44,7 @@ def solve(
     formulation: FormulationName | None = None,
     element: ElementName = Element.LINEAR,
     device: str = "cpu",
+    multirate: bool = False,
     progress: Progress = in_silence,
 ) -> State:
     """Solve a problem: statics or motion, with tools or without.
@@ -63,6 +64,9 @@ def solve(
             truth on the same mesh; for the reference with degree 1.
         device: For fastsim's explicit steps, in motions and relaxation: "cpu" is the compiled core;
             "cuda:0" a GPU, "warp:cpu" its kernels on the processor, both with the extra `gpu`.
+        multirate: Steps of several lengths in a motion of fastsim, where they save work: small
+            cells make more of them than large ones. Contact of tools is then a penalty over
+            facets. The state's details name the classes: numbers of cells and steps [s].
         progress: Called with a line of text from time to time.
 
     Returns:
@@ -93,6 +97,8 @@ def solve(
     form = None if formulation is None else known_word(Formulation, formulation, "formulation")
     kind = known_word(Element, element, "element")
     _require_possible(problem, simulator, way, form)
+    if multirate and (simulator is not Simulator.FASTSIM or problem.time is None):
+        raise InputError("steps of several lengths (multirate) are of fastsim's motions")
     if device != "cpu":
         _require_stepped(problem, simulator, way, device)
     # Both import pydantic and meshio, which `import palpate` and --help do without.
@@ -108,7 +114,7 @@ def solve(
         return _of(problem, found)
     from palpate.validation.candidates.candidate import fastsim_candidate
 
-    candidate = fastsim_candidate(method=way, element=kind, device=device)
+    candidate = fastsim_candidate(method=way, element=kind, device=device, multirate=multirate)
     return _of(problem, candidate.solve(problem, used, progress))
 
 
@@ -154,6 +160,7 @@ def simulate(
     degree: int = 1,
     element: ElementName = Element.LINEAR,
     device: str = "cpu",
+    multirate: bool = False,
     progress: Progress = in_silence,
 ) -> State:
     """Solve a motion from rest, over the problem's time span or another.
@@ -166,6 +173,7 @@ def simulate(
         degree: See `solve`.
         element: See `solve`.
         device: See `solve`.
+        multirate: See `solve`.
         progress: See `solve`.
 
     Returns:
@@ -190,6 +198,7 @@ def simulate(
         degree=degree,
         element=element,
         device=device,
+        multirate=multirate,
         progress=progress,
     )
 

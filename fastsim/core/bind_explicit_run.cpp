@@ -1,6 +1,7 @@
 // Bindings of the fast explicit run: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "explicit/explicit_run.hpp"
+#include "explicit/multirate.hpp"
 #include "explicit/stiffness_at_rest.hpp"
 
 #include <nanobind/stl/array.h>
@@ -43,6 +44,7 @@ void bind_explicit_run(nb::module_ &module) {
         .value("out_of_bounds", StopReason::out_of_bounds)
         .value("energy_growth", StopReason::energy_growth)
         .value("deep_in_tool", StopReason::deep_in_tool);
+    module.def("ratio_of_classes", &ratio_of_classes);
     module.def("widest_instruction_set", &widest_instruction_set);
 
     nb::class_<StiffnessAtRest>(module, "StiffnessAtRest")
@@ -93,7 +95,8 @@ void bind_explicit_run(nb::module_ &module) {
             [](const ElasticBody &body, GivenColumn<double> lumped_mass,
                GivenTable<std::uint8_t, 3> is_free, double time_step, double mass_damping,
                double displacement_limit, std::size_t num_threads, InstructionSet at_most,
-               double stiffness_damping, bool is_single, bool tracks_energy) {
+               double stiffness_damping, bool is_single, bool tracks_energy,
+               GivenColumn<Index> classes) {
                 nb::gil_scoped_release release;
                 return Run::make(body, as_span(lumped_mass), as_span(is_free),
                                  {{time_step, mass_damping},
@@ -102,13 +105,14 @@ void bind_explicit_run(nb::module_ &module) {
                                   at_most,
                                   stiffness_damping,
                                   is_single,
-                                  tracks_energy});
+                                  tracks_energy,
+                                  as_span(classes)});
             },
             nb::arg("body"), nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(),
             nb::kw_only(), nb::arg("time_step"), nb::arg("mass_damping"),
             nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"),
             nb::arg("stiffness_damping"), nb::arg("is_single"), nb::arg("tracks_energy"),
-            nb::keep_alive<0, 1>())
+            nb::arg("classes").noconvert(), nb::keep_alive<0, 1>())
         .def(
             "set_state",
             [](Run &run, Vectors displacement, Vectors increment, double energy) {
@@ -240,6 +244,10 @@ void bind_explicit_run(nb::module_ &module) {
         .def(
             "get_contact_force",
             [](const Run &run, OwnVectors force) { run.get_contact_force(as_span(force)); },
+            nb::arg("force").noconvert())
+        .def(
+            "get_net_force",
+            [](const Run &run, OwnVectors force) { run.get_net_force(as_span(force)); },
             nb::arg("force").noconvert())
         .def("self_overlap", &Run::self_overlap)
         .def(

@@ -77,6 +77,7 @@ def force_of_step(
         stiffness_damping=0.0,
         is_single=is_single,
         tracks_energy=False,
+        classes=np.zeros(0, np.int32),
     )
     run.set_state(u, np.zeros_like(u), 0.0)
     first, second = np.empty_like(u), np.empty_like(u)

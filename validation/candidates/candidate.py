@@ -97,6 +97,7 @@ def fastsim_candidate(
     element: Element = Element.LINEAR,
     device: str = CORE,
     precision: Precision = Precision.DOUBLE,
+    multirate: bool = False,
 ) -> Candidate:
     """fastsim, which solves with both strain measures.
 
@@ -106,6 +107,7 @@ def fastsim_candidate(
         device: Device of explicit steps: "cpu" is the compiled core; others find equilibrium by
             dynamic relaxation.
         precision: Precision of a motion's steps.
+        multirate: Steps of several lengths in a motion.
 
     Raises:
         DeviceUnavailableError: There is no such device, or Warp is not installed.
@@ -116,7 +118,14 @@ def fastsim_candidate(
     used = method if device == CORE else Method.RELAXATION
     return Candidate(
         name_of(element, device),
-        partial(run_fastsim, method=used, element=element, device=device, precision=precision),
+        partial(
+            run_fastsim,
+            method=used,
+            element=element,
+            device=device,
+            precision=precision,
+            multirate=multirate,
+        ),
         has_both_strains=True,
         element=element,
         # Warp's launches come from one thread.

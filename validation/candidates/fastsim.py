@@ -50,6 +50,7 @@ def run_fastsim(
     element: Element = Element.LINEAR,
     device: str = CORE,
     precision: Precision = Precision.DOUBLE,
+    multirate: bool = False,
 ) -> State:
     """Solve by fastsim: statics, or from rest where there is time.
 
@@ -61,6 +62,7 @@ def run_fastsim(
         element: Linear tetrahedra, plain or smoothed.
         device: Device of explicit steps: "cpu" is the compiled core.
         precision: Precision of a motion's steps.
+        multirate: Steps of several lengths in a motion.
 
     Raises:
         CandidateFailedError: It diverged, or returned NaN.
@@ -71,7 +73,9 @@ def run_fastsim(
     progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        displacement, more = _solve(problem, strain, progress, method, element, device, precision)
+        displacement, more = _solve(
+            problem, strain, progress, method, element, device, precision, multirate
+        )
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     seconds = time.perf_counter() - start
@@ -102,7 +106,7 @@ def _stresses(problem: Problem, strain: Strain, element: Element, u: Points) -> 
 
 def _solve(
     problem: Problem, strain: Strain, progress: Progress, method: Method,
-    element: Element, device: str, precision: Precision,
+    element: Element, device: str, precision: Precision, multirate: bool,
 ) -> tuple[Any, dict[str, Any]]:  # fmt: skip
     """The last displacement [m], (num_points, 3), and what else a state has."""
     common: dict[str, Any] = {"strain": strain, "element": element, "progress": progress}
@@ -111,9 +115,9 @@ def _solve(
         from palpate.fastsim.explicit_body import Precision as StepPrecision
 
         steps = StepPrecision[precision.name]
-        motion = simulate(problem, precision=steps, device=device, **common)
+        motion = simulate(problem, precision=steps, device=device, multirate=multirate, **common)
         forces = [track.mean_forces for track in motion.tools]
-        moving = ("time_step", "critical_time_step", "num_steps")
+        moving = ("time_step", "critical_time_step", "num_steps", "classes")
         return motion.displacements[-1], {
             "details": {name: getattr(motion, name) for name in moving},
             "trajectory": Trajectory(motion.times, motion.displacements),

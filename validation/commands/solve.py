@@ -78,6 +78,14 @@ def solve(
     device: Device = "cpu",
     near_tool: NearTool = False,
     near_tool_edge: NearToolEdge = None,
+    multirate: Annotated[
+        bool,
+        typer.Option(
+            "--multirate",
+            help="in a motion: steps of several lengths, small cells make more of them; contact is "
+            "then a penalty over facets",
+        ),
+    ] = False,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="another number of the case; repeatable"),
@@ -112,8 +120,12 @@ def solve(
         formulation=formulation,
         element=element,
         device=device,
+        multirate=multirate,
         progress=progress_lines(),
     )
+    if multirate:
+        parts = (f"{count} cells by {step:.3g} s" for count, step in state.details["classes"])
+        print(f"steps: {', '.join(parts)}")
     if loaded.spec.marker:
         _print_markers(loaded, state)
     print(write_solution(output, problem, state))

@@ -6,11 +6,11 @@
 namespace fastsim {
 
 template <typename Real>
-CellForces<Real>::CellForces(const ElasticBody &body, const PointRecords &records,
-                             const KernelChoice<Real> &kernel, std::size_t num_threads,
+CellForces<Real>::CellForces(const ElasticBody &body, std::unique_ptr<InternalForce<Real>> internal,
+                             const PointRecords &records, const KernelChoice<Real> &kernel,
                              const StrainDamping &damping)
-    : _internal(InternalForce<Real>::make(body, body.elastic.strain, records, kernel, num_threads)),
-      _parts(portions().size()), _damps_strain(damping.stiffness_damping > 0.0),
+    : _internal(std::move(internal)), _parts(portions().size()),
+      _damps_strain(damping.stiffness_damping > 0.0),
       _damping_over_step(static_cast<Real>(damping.stiffness_damping / damping.time_step)) {
     for (std::size_t t = 1; t < _parts.size(); ++t)
         _parts[t].assign(records.padded_size(), Real(0));

@@ -19,8 +19,9 @@ struct StrainDamping {
 
 template <typename Real> class CellForces {
   public:
-    CellForces(const ElasticBody &body, const PointRecords &records,
-               const KernelChoice<Real> &kernel, std::size_t num_threads,
+    /// `internal` is R(a) of the body, or of a class of its cells.
+    CellForces(const ElasticBody &body, std::unique_ptr<InternalForce<Real>> internal,
+               const PointRecords &records, const KernelChoice<Real> &kernel,
                const StrainDamping &damping);
 
     /// One for each thread, of which there may be fewer than were asked for.

@@ -71,6 +71,56 @@ double RigidTools<Real>::touch_facets(std::span<const ToolStep> now, Motion<Real
     return work;
 }
 
+template <typename Real>
+void RigidTools<Real>::sort_by_distance(std::span<const ToolStep> now, const Motion<Real> &motion,
+                                        double part, std::vector<std::size_t> &near) {
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Tool &tool = _tools[t];
+        // In a step of the body no looked at place is farther from its begin than it moves.
+        const double margin = 2.0 * tool.on_facets.fastest;
+        const Pose pose = tool.at(now[t]);
+        const Box box = posed_box(box_of(tool.settings.shape), pose, margin);
+        const bool is_sharp = std::holds_alternative<SharpBox>(tool.settings.shape);
+        const auto is_near = [&](const TouchFacet &facet) {
+            std::array<Point, 3> corner{};
+            for (std::size_t k = 0; k < 3; ++k)
+                for (std::size_t j = 0; j < 3; ++j)
+                    corner[k][j] = facet.rest[k][j] +
+                                   static_cast<double>(motion.displacement[facet.entries[k] + j]);
+            for (std::size_t j = 0; j < 3; ++j) {
+                const auto [low, high] = std::minmax({corner[0][j], corner[1][j], corner[2][j]});
+                if (!(low < box.high[j] && high > box.low[j]))
+                    return false;
+            }
+            return is_sharp || !is_clear(tool.settings.shape,
+                                         {pose.to_tool(corner[0]), pose.to_tool(corner[1]),
+                                          pose.to_tool(corner[2])},
+                                         margin);
+        };
+        const auto end = std::ranges::partition(tool.facets, is_near).begin();
+        tool.num_near = static_cast<std::size_t>(end - tool.facets.begin());
+        for (std::size_t f = 0; f < tool.num_near; ++f)
+            near.insert(near.end(), tool.facets[f].entries.begin(), tool.facets[f].entries.end());
+        tool.on_facets.force = along({}, tool.on_facets.force, part);
+        tool.on_facets.moment = along({}, tool.on_facets.moment, part);
+    }
+    std::ranges::sort(near);
+    near.erase(std::ranges::unique(near).begin(), near.end());
+}
+
+template <typename Real>
+void RigidTools<Real>::touch_again(std::span<const ToolStep> now, double part, Motion<Real> &motion,
+                                   Push<Real> &push) {
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Tool &tool = _tools[t];
+        const Reaction found = fastsim::touch_facets<Real>(
+            tool.settings, {tool.facets.data(), tool.num_near}, tool.at(now[t]), motion, push);
+        tool.on_facets.force = along(tool.on_facets.force, found.force, part);
+        tool.on_facets.moment = along(tool.on_facets.moment, found.moment, part);
+        tool.on_facets.gap = std::min(tool.on_facets.gap, found.gap);
+    }
+}
+
 template <typename Real> void RigidTools<Real>::reset() {
     for (Tool &tool : _tools) {
         tool.offset = tool.increment = 0.0;

@@ -54,6 +54,13 @@ template <typename Real> class RigidTools {
     };
     /// The tools' forces on facets, found by one thread; returns half of the work of the last ones.
     double touch_facets(std::span<const ToolStep> now, Motion<Real> &motion, Push<Real> &push);
+    /// Puts the facets first that are in reach of a tool, finds the entries of their corners, and
+    /// begins means of what is found in so many looks, of which each is `part`.
+    void sort_by_distance(std::span<const ToolStep> now, const Motion<Real> &motion, double part,
+                          std::vector<std::size_t> &near);
+    /// Another of these looks, at the facets in reach.
+    void touch_again(std::span<const ToolStep> now, double part, Motion<Real> &motion,
+                     Push<Real> &push);
     /// The tools' forces on the vertices of a thread; those on facets are known.
     Touched touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
                   std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push,
@@ -74,6 +81,7 @@ template <typename Real> class RigidTools {
         TouchSettings settings;
         std::vector<TouchVertex> vertices; // ascending entries
         std::vector<TouchFacet> facets{};  // of a tool that touches these instead
+        std::size_t num_near = 0;          // of these, with several classes of cells
         std::optional<FacetConstraint<Real>> constraint{};
         double offset = 0.0, increment = 0.0;
         Reaction reaction{}, on_facets{};

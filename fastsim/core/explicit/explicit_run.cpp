@@ -1,11 +1,13 @@
 #include "explicit/explicit_run.hpp"
 
 #include "explicit/cell_forces.hpp"
+#include "explicit/multirate.hpp"
 #include "explicit/springs.hpp"
 
 #include "threads/thread_team.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 namespace fastsim {
@@ -17,8 +19,9 @@ template <typename Real> class Run final : public ExplicitRun {
     Run(const ElasticBody &body, std::span<const double> lumped_mass,
         std::span<const std::uint8_t> is_free, const ExplicitSettings &settings)
         : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
-          _records(lumped_mass.size(), body.elastic.cells),
-          _cells(body, _records, _kernel, settings.num_threads,
+          _records(lumped_mass.size(), body.elastic.cells,
+                   finest_at_points(body, settings.classes)),
+          _cells(body, make_cells(body), _records, _kernel,
                  {settings.stiffness_damping, settings.scheme.time_step, settings.tracks_energy}),
           _portions(_cells.portions()), _team(_portions.size()), _at_forces(_team.size()),
           _at_end(_team.size()), _touches(_team.size()), _supports(_team.size()),
@@ -37,6 +40,9 @@ template <typename Real> class Run final : public ExplicitRun {
         _motion.set_scheme(settings.scheme);
         for (auto *push : _pushes.all())
             push->touched.resize(_team.size());
+        if (!settings.classes.empty())
+            _multirate.emplace(body, _records, _kernel, settings.classes,
+                               std::ranges::max(settings.classes), _motion);
     }
 
     void set_state(std::span<const double> displacement, std::span<const double> increment,
@@ -204,6 +210,14 @@ template <typename Real> class Run final : public ExplicitRun {
 
     std::pair<std::size_t, double> self_overlap() const override { return _self_contact.overlap(); }
 
+    void get_net_force(std::span<double> force) const override {
+        for (std::size_t i = 0; i < _records.size(); ++i)
+            for (std::size_t j = 0; j < 3; ++j) {
+                const std::size_t at = 4 * _records.record_of[i] + j;
+                force[3 * i + j] = static_cast<double>(_motion.external[at] - _motion.force[at]);
+            }
+    }
+
     void internal_force(std::span<double> force) override {
         forget_forces();
         _team.run([&](std::size_t thread) {
@@ -211,6 +225,8 @@ template <typename Real> class Run final : public ExplicitRun {
             _team.wait();
             _cells.sum_elastic(thread, _motion);
         });
+        if (_multirate)
+            _multirate->add_forces(_motion);
         _records.unpack(_motion.force.data(), force);
         std::fill(_motion.force.begin(), _motion.force.end(), Real(0));
     }
@@ -218,6 +234,14 @@ template <typename Real> class Run final : public ExplicitRun {
     const char *instruction_set() const override { return _kernel.name; }
 
   private:
+    std::unique_ptr<InternalForce<Real>> make_cells(const ElasticBody &body) const {
+        if (!_settings.classes.empty())
+            return InternalForce<Real>::make_of_class(body, _records, _kernel, _settings.classes,
+                                                      0);
+        return InternalForce<Real>::make(body, body.elastic.strain, _records, _kernel,
+                                         _settings.num_threads);
+    }
+
     struct alignas(64) Touch { // of one thread
         bool is_known = true;  // where the tools push
     };
@@ -226,7 +250,11 @@ template <typename Real> class Run final : public ExplicitRun {
     StopReason find_forces(std::size_t thread, const ExplicitPlan &plan, std::size_t step) {
         const Portion &portion = _portions[thread];
         const auto factors = plan.factors_at(step);
-        const Real smallest = _cells.add(thread, _motion, step == 0);
+        Real smallest = _cells.add(thread, _motion, step == 0);
+        if (_multirate) {
+            const Real finer = _multirate->add_forces(_motion);
+            smallest = finer > smallest ? smallest : finer;
+        }
         _at_forces.cast(thread, step,
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
@@ -252,6 +280,9 @@ template <typename Real> class Run final : public ExplicitRun {
         const auto next = plan.factors_at(step + 1);
         _monitor.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
         _monitor.give(thread, _slides.hold(thread, factors, next, _motion));
+        if (_multirate &&
+            !(_multirate->average(_motion, _tools, plan.tools_at(step), _pushes.facets) > Real(0)))
+            return StopReason::inverted_cell;
         if (_tools.size() > 0) {
             const auto touched =
                 _tools.touch(thread, portion, plan.tools_at(step), plan.tools_at(step + 1), _motion,
@@ -344,12 +375,13 @@ template <typename Real> class Run final : public ExplicitRun {
     ExplicitSettings _settings;
     KernelChoice<Real> _kernel;
     PointRecords _records;
-    CellForces<Real> _cells;
+    CellForces<Real> _cells;        // of class 0, if there are several
     std::vector<Portion> _portions; // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
     std::vector<Touch> _touches;
     Motion<Real> _motion;
+    std::optional<Multirate<Real>> _multirate; // one thread
     Pushes<Real> _pushes;
     DeadLoads<Real> _loads;
     FollowerPressure<Real> _pressure;

@@ -36,9 +36,10 @@ struct ExplicitSettings {
     double displacement_limit;
     std::size_t num_threads;
     InstructionSet at_most;
-    double stiffness_damping; // see central_difference.hpp [s]
-    bool is_single;           // precision of the step
-    bool tracks_energy;       // sums external work and damping loss, step by step, in double
+    double stiffness_damping;       // see central_difference.hpp [s]
+    bool is_single;                 // precision of the step
+    bool tracks_energy;             // sums external work and damping loss, step by step, in double
+    std::span<const Index> classes; // of the cells, from 0; see multirate.hpp. Empty: one
 };
 
 /// A body in motion. Arrays in and out are in the caller's numbering, three numbers a point.
@@ -104,6 +105,9 @@ class ExplicitRun {
     /// Of tools, and of the body with itself.
     virtual void get_contact_force(std::span<double> force) const = 0;
     virtual std::pair<std::size_t, double> self_overlap() const = 0;
+
+    /// What the next step takes for F - R(a), after a look: of several classes its mean force [N].
+    virtual void get_net_force(std::span<double> force) const = 0;
 
     /// R(a) as the kernel sees it, for comparison with the plain loop.
     virtual void internal_force(std::span<double> force) = 0;

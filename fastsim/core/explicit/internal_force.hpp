@@ -9,6 +9,12 @@
 
 namespace fastsim {
 
+/// The finest class of each cell's parts: its own, or of smoothed cells that of any cell that
+/// shares an edge or node patch.
+std::vector<Index> finest_at_cells(const ElasticBody &body, std::span<const Index> class_of);
+/// Of each point, the finest of its cells'.
+std::vector<Index> finest_at_points(const ElasticBody &body, std::span<const Index> class_of);
+
 template <typename Real> class InternalForce {
   public:
     static std::unique_ptr<InternalForce> make(const ElasticBody &body, StrainMeasure strain,
@@ -20,6 +26,11 @@ template <typename Real> class InternalForce {
                                                        const PointRecords &records,
                                                        const KernelChoice<Real> &kernel,
                                                        std::size_t num_threads);
+    /// Of the cells of one class, on one thread; of smoothed ones the patches whose finest cell is
+    /// of that class. Pre-condition: `make` takes no plain loop of the body.
+    static std::unique_ptr<InternalForce>
+    make_of_class(const ElasticBody &body, const PointRecords &records,
+                  const KernelChoice<Real> &kernel, std::span<const Index> class_of, Index number);
     virtual ~InternalForce() = default;
 
     /// Adds the forces of a thread's cells; returns the smallest det F met (1 for linear strain).

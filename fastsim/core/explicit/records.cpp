@@ -8,8 +8,15 @@
 namespace fastsim {
 
 PointRecords::PointRecords(std::size_t num_points, std::span<const Index> cells)
+    : PointRecords(num_points, cells, std::vector<Index>(num_points, 0)) {}
+
+PointRecords::PointRecords(std::size_t num_points, std::span<const Index> cells,
+                           std::span<const Index> class_of_points)
     : record_of(num_points), point_of(num_points) {
-    const std::vector<Index> order = reverse_cuthill_mckee(num_points, cells);
+    std::vector<Index> order = reverse_cuthill_mckee(num_points, cells);
+    std::ranges::stable_sort(order, std::ranges::greater{}, [&](Index point) {
+        return class_of_points[static_cast<std::size_t>(point)];
+    });
     for (std::size_t k = 0; k < order.size(); ++k) {
         point_of[k] = static_cast<std::size_t>(order[k]);
         record_of[point_of[k]] = k;

@@ -32,6 +32,9 @@ struct PointRecords {
     std::vector<std::size_t> record_of, point_of;
 
     PointRecords(std::size_t num_points, std::span<const Index> cells);
+    /// The same, those of the last class first.
+    PointRecords(std::size_t num_points, std::span<const Index> cells,
+                 std::span<const Index> class_of_points);
 
     std::size_t size() const { return record_of.size(); }
     /// Of the record of a point.

@@ -131,11 +131,7 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
     return reaction;
 }
 
-namespace {
-
-/// Whether the middle of a triangle is farther out than from its corners, in the tool's frame: a
-/// distance changes by no more than the way.
-bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner) {
+bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner, double margin) {
     Point middle{};
     for (const Point &place : corner)
         middle = along(middle, place, 1.0 / 3.0);
@@ -144,9 +140,11 @@ bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner) {
         const Point way = minus(place, middle);
         squared = std::max(squared, dot(way, way));
     }
-    const double distance = gap_of(shape, middle).distance;
+    const double distance = gap_of(shape, middle).distance - margin;
     return distance > 0.0 && distance * distance > squared;
 }
+
+namespace {
 
 /// Adds the forces over the area on the corners, in the tool's frame; returns the smallest gap.
 double add_facet_forces(const ToolShape &shape, const std::array<Point, 3> &corner,
@@ -198,7 +196,7 @@ Reaction touch_facets(const TouchSettings &tool, std::span<TouchFacet> facets, c
             continue;
         const std::array<Point, 3> own{now.to_tool(corner[0]), now.to_tool(corner[1]),
                                        now.to_tool(corner[2])};
-        if (!is_sharp && is_clear(tool.shape, own))
+        if (!is_sharp && is_clear(tool.shape, own, 0.0))
             continue;
         const double gap = add_facet_forces(tool.shape, own, facet, force);
         reaction.gap = std::min(reaction.gap, gap);

@@ -59,6 +59,10 @@ struct Reaction {
     double fastest = 0.0;
 };
 
+/// Whether the middle of a triangle, in the tool's frame, is farther out than from its corners, and
+/// by so much more: a distance changes by no more than the way.
+bool is_clear(const ToolShape &shape, const std::array<Point, 3> &corner, double margin);
+
 /// One vertex as the coming step would move it, in double precision whatever the body's.
 struct Mover {
     Point place, increment, mobility;
