@@ -258,7 +258,8 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        52000,
+        52100,
+        "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, force that ripples while a tool slides; "
         "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
@@ -270,7 +271,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62760,
+        62960,
+        "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
@@ -289,8 +291,8 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2680,
-        "issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
+        2700,
+        "issue 38: each case of a gate has its verdict; issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),
