@@ -292,7 +292,8 @@ LINES = {
     ),
     "validation/commands": (
         2700,
-        "issue 38: each case of a gate has its verdict; issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
+        "issue 38: each case of a gate has its verdict; issue 35: `--near-tool`; "
+        "issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),
