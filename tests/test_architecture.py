@@ -291,14 +291,15 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2700,
-        "issue 38: each case of a gate has its verdict; issue 35: `--near-tool`; "
+        2740,
+        "issue 38: each case of a gate has its verdict, cells inside out; issue 35: `--near-tool`; "
         "issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),
     "validation/diagnosis": (
-        2520,
+        2680,
+        "issue 38: laws that invert, plane stress, motions by other schemes; "
         "issue 40: Lamé's parameters by name, constants of stable laws, loads and results in other "
         "frames, plane stress and strain; issue 39: one cause of a law",
     ),
