@@ -176,6 +176,11 @@ class Body:
         return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
 
     @property
+    def is_smoothed(self) -> bool:
+        """Whether a cell's forces depend on its neighbours."""
+        return self._smoothing is not None
+
+    @property
     def is_linear_in_strain(self) -> bool:
         """Whether S = lmbda tr(E) I + 2 mu E, with the strain asked for."""
         return self.strain is Strain.LINEAR or self.law.is_linear_in_strain
