@@ -319,7 +319,8 @@ LINES = {
     ),
     "validation/metrics": (
         5240,
-        "issue 38: implicit steps of a diagnosis; issue 35: force that ripples while a tool slides; "
+        "issue 38: implicit steps of a diagnosis; "
+        "issue 35: force that ripples while a tool slides; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
