@@ -253,6 +253,9 @@ def test_pause_record_reset_and_a_second_window(
     press("pause")
     wait(browser, "Number(document.body.dataset.time) > 0.02")
     assert serious(browser) == []
+    page.stop()
+    wait(browser, "document.body.dataset.status === 'the simulation has ended'")
+    assert "start palpate touch again" in browser.find_element("id", "warning").text
 
 
 def test_what_is_judged_shows_verdicts_and_errors(
