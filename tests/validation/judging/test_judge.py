@@ -11,9 +11,15 @@ import pytest
 from judged import case_of
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
 from palpate.validation.case import load_cases
-from palpate.validation.judging.judge import judge_case, judge_cases
+from palpate.validation.judging.judge import (
+    exit_code,
+    judge_case,
+    judge_cases,
+    judge_or_say_why,
+)
 from palpate.validation.states import CandidateFailedError, State, Verdict
 from palpate.validation.versions import version_of
 
@@ -78,6 +84,18 @@ def test_a_case_that_cannot_be_judged_says_why_and_leaves_the_others_theirs(writ
     mine, column = judge_cases(cases, [fastsim_candidate()], processes=2)
     assert "no reference is stored" in mine.not_judged
     assert column.checks
+
+
+def test_a_reference_that_fails_is_inconclusive_and_one_that_is_missing_unusable() -> None:
+    for error, code in ((ReferenceFailedError("lost"), 3), (ReferenceUnavailableError("none"), 2)):
+
+        def fails(_case, error=error):
+            raise error
+
+        result = judge_or_say_why(fails, case_of("block"), [fastsim_candidate()])
+        assert result.verdict is Verdict.INCONCLUSIVE
+        assert result.notes == (str(error),)
+        assert exit_code([result]) == code
 
 
 def test_a_simulator_without_a_result_is_judged_before_any_reference_is_solved(
