@@ -49,6 +49,8 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         smallest_stretch: Smallest principal stretch there [-]; Saint-Venant-Kirchhoff reaches its
             largest resistance at about 0.577.
         position: Its position in the rest body [m], shape (3,); NaN where it was not computed.
+        of: What `load_factor` is a fraction of, in words: the load, or the tools' way.
+        remedy: What to do, in words.
     """
 
     def __init__(
@@ -59,8 +61,12 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         displacement: Points | None = None,
         smallest_stretch: float = 1.0,
         position: Floats | None = None,
+        *,
+        is_pressed: bool = False,
     ) -> None:
         self.load_factor = load_factor
+        self.of = "the tool's way" if is_pressed else "the load"
+        self.remedy = "press less deep" if is_pressed else "lower the load"
         self.reason = reason
         self.smallest_det_f = smallest_det_f
         self.displacement = np.zeros((0, 3)) if displacement is None else displacement
@@ -71,12 +77,12 @@ class ReferenceNotConvergedError(ReferenceFailedError):
             x, y, z = self.position.tolist()
             place_text = f"({x:.4g}, {y:.4g}, {z:.4g}) m"
             where = f", smallest principal stretch {smallest_stretch:.3f} at {place_text}"
-        found = f"equilibrium up to {load_factor:.3f} of the load and none beyond"
+        found = f"equilibrium up to {load_factor:.3f} of {self.of} and none beyond"
         if math.isnan(load_factor):
             found = "no equilibrium near the given state"
         super().__init__(
             f"the reference found {found}: {reason} (smallest det F there "
-            f"{smallest_det_f:.3g}{where}); lower the load"
+            f"{smallest_det_f:.3g}{where})" + ("" if self.remedy in reason else f"; {self.remedy}")
         )
 
 

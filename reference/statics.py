@@ -32,6 +32,7 @@ from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import REMEDY_OF_YIELD, Formulation, ReferenceResult
 from palpate.reference.tasks import Progress, say_nothing
 
+_ON_THE_WAY = "on the way of the tools"
 _SPENT = (
     "in cells of that state Saint-Venant-Kirchhoff has lost its resistance to compression, and "
     f"finer meshes yield there: {REMEDY_OF_YIELD}"
@@ -237,7 +238,10 @@ def find_equilibrium(
         nodal = discrete.at_points(path.displacement)
         newton.destroy()
         discrete.destroy()
-        raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
+        is_pressed = is_spent or reason.startswith(_ON_THE_WAY)
+        raise ReferenceNotConvergedError(
+            reached, reason, smallest_det_f, nodal, *where, is_pressed=is_pressed
+        )
     return Equilibrium(problem, discrete, newton, path, smallest_det_f)
 
 
@@ -298,5 +302,5 @@ def _follow(
     else:
         run = follow_tools(newton, sampler, discrete.contacts, start, progress=tell)
     if run.reason:
-        return dataclasses.replace(run, reason=f"on the way of the tools: {run.reason}")
+        return dataclasses.replace(run, reason=f"{_ON_THE_WAY}: {run.reason}")
     return run

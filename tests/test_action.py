@@ -28,7 +28,7 @@ TOY = ROOT / "validation" / "examples" / "gate_your_simulator"
 pytestmark = pytest.mark.once
 
 
-def judge(folder: Path, simulator: str, cases: str = "bar.toml") -> tuple[int, str]:
+def judge(folder: Path, simulator: str, cases: str = "bar.toml", **asked: str) -> tuple[int, str]:
     """The exit code of the step that judges, and the job's summary."""
     yaml = pytest.importorskip("yaml")
     (step,) = (
@@ -37,10 +37,12 @@ def judge(folder: Path, simulator: str, cases: str = "bar.toml") -> tuple[int, s
     shutil.copytree(TOY, folder, dirs_exist_ok=True)
     program = folder / "bin" / "palpate"
     program.parent.mkdir(exist_ok=True)
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m palpate.validation.cli "$@"\n')
+    run = f"exec {sys.executable} -m palpate.validation.cli"
+    program.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > words\n{run} "$@"\n')
     program.chmod(0o755)
     summary, output = folder / "step-summary.md", folder / "step-output.txt"
     inputs = {"CASES": cases, "SIMULATOR": simulator, "TIME_LIMIT": "60"}
+    inputs |= dict.fromkeys(("ELEMENT", "LAW", "INTEGRATOR", "TIME_STEP"), "") | asked
     assert set(inputs) == set(step["env"])  # nothing else of the caller's reaches the shell
     assert "${{" not in step["run"]
     path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
@@ -50,7 +52,9 @@ def judge(folder: Path, simulator: str, cases: str = "bar.toml") -> tuple[int, s
         ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
         cwd=folder, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert output.read_text() == f"code={done.returncode}\n"  # what the comment is made from
+    # What the comment is made from.
+    table = "table=summary.md\n" if summary.exists() else ""
+    assert output.read_text() == f"code={done.returncode}\n{table}"
     return done.returncode, summary.read_text() if summary.exists() else done.stderr
 
 
@@ -73,6 +77,27 @@ def test_words_of_an_input_are_no_commands(tmp_path: Path) -> None:
     code, _ = judge(tmp_path, "none {case} {result}", cases="bar.toml; touch stolen")
     assert code not in (0, 1)
     assert not (tmp_path / "stolen").exists()
+
+
+def test_element_law_scheme_and_step_are_passed_on(tmp_path: Path) -> None:
+    (tmp_path / "summary.md").write_text("of before")
+    code, said = judge(
+        tmp_path, "none {case} {result}",
+        ELEMENT="both; touch stolen", LAW="neo-hookean\n saint-venant-kirchhoff",
+        INTEGRATOR="backward-euler", TIME_STEP="1e-3",
+    )  # fmt: skip
+    assert (code, said[:8]) == (2, "palpate:")  # and no table of an earlier run
+    words = (tmp_path / "words").read_text().splitlines()
+    given = [*words[words.index("--law") : words.index("--json")]]
+    assert given == [
+        "--law", "neo-hookean", "--law", "saint-venant-kirchhoff",
+        "--element", "both; touch stolen", "--integrator", "backward-euler",
+        "--time-step", "1e-3",
+    ]  # fmt: skip
+    yaml = pytest.importorskip("yaml")
+    (step,) = (s for s in yaml.safe_load(ACTION.read_text())["runs"]["steps"] if "id" in s)
+    for name in ("element", "law", "integrator", "time-step"):
+        assert step["env"][name.upper().replace("-", "_")] == f"${{{{ inputs.{name} }}}}"
 
 
 # --------------------------------------------------------------------------------- the comment
@@ -178,7 +203,7 @@ def comment(folder: Path, github: GitHub, code: str = "0", **others: str) -> str
     event.write_text(others.pop("event", json.dumps(EVENT)))
     given = {
         "CASES": "bar.toml", "CODE": code, "COMMENT_KEY": "", "GITHUB_TOKEN": TOKEN,
-        "SCRIPT": str(ACTION.parent / "comment.py"),
+        "SCRIPT": str(ACTION.parent / "comment.py"), "TABLE": others.pop("TABLE", ""),
     }  # fmt: skip
     assert set(given) == set(step["env"])
     assert "${{" not in step["run"]
@@ -206,7 +231,7 @@ TABLE = "| bar | displacement_l2 | 8.61e-11 | passed | as @octocat asks |\n"
 
 def test_a_second_run_updates_the_comment_of_the_first(tmp_path: Path, github: GitHub) -> None:
     (tmp_path / "summary.md").write_text(TABLE)
-    assert comment(tmp_path, github) == "palpate gate: wrote comment 5\n"
+    assert comment(tmp_path, github, TABLE="summary.md") == "palpate gate: wrote comment 5\n"
     first = github.comments[-1]["body"]
     assert (
         "### palpate gate: passed\n\n`bar.toml` at 6dcb09b5b5, [log](https://github.com/" in first
@@ -292,10 +317,10 @@ def test_no_table_of_an_earlier_run_is_shown_and_a_long_one_is_cut(
     summary = tmp_path / "summary.md"
     summary.write_text(TABLE)
     comment(tmp_path, github, "2")
-    assert "not judged: unusable input" in github.comments[-1]["body"]
+    assert "not judged, or not all: unusable input" in github.comments[-1]["body"]
     assert "8.61e-11" not in github.comments[-1]["body"]
     summary.write_text(TABLE * 2000)
-    comment(tmp_path, github)
+    comment(tmp_path, github, TABLE="summary.md")
     body = github.comments[-1]["body"]
     assert 60_000 < len(body) < 65_536
     assert body.endswith("|\n\nThe rest is in the log.")

@@ -253,14 +253,15 @@ LINES = {
     ),
     "reference": (
         11050,
-        "issue 35: contact over facets, the nearest of few facets; issue 36: masses on the surface; "
+        "issue 35: contact over facets, few that can be nearest; issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        52370,
+        52410,
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
+        "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, force that ripples while a tool slides; "
         "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
@@ -275,6 +276,7 @@ LINES = {
         63150,
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
+        "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
@@ -294,13 +296,16 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2685,
+        2725,
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
+        "issue 38: each case of a gate has its verdict, cells inside out; issue 35: `--near-tool`; "
+        "issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
     ),
     "validation/diagnosis": (
-        2520,
+        2625,
+        "issue 38: laws that invert, plane stress, motions by other schemes; "
         "issue 40: Lamé's parameters by name, constants of stable laws, loads and results in other "
         "frames, plane stress and strain; issue 39: one cause of a law",
     ),
@@ -314,12 +319,14 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3300,
+        3355,
+        "issue 38: poses too deep and bodies too large are refused at once; "
         "issue 34: how the page is opened, and what recordings may not replace; "
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
-        5060,
+        5260,
+        "issue 38: where a law gives way; implicit steps of a diagnosis; "
         "issue 35: force that ripples while a tool slides; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
         "issue 38: steps that do not divide the outputs, where a motion leaves",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -108,7 +108,12 @@ def gate(
     from palpate.validation.candidates.faults import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.judging import expectation, outputs
-    from palpate.validation.judging.judge import judge_case, judge_cases, suitable_cases
+    from palpate.validation.judging.judge import (
+        judge_case,
+        judge_cases,
+        judge_or_say_why,
+        suitable_cases,
+    )
     from palpate.validation.judging.metamorphic import judge_relations
     from palpate.validation.judging.results import merge_candidates
     from palpate.validation.judging.self_test import run_self_test
@@ -177,24 +182,29 @@ def gate(
         inputs=input_files(loaded, command=" ".join(filter(None, (simulator, versus)))),
         force=force,
     )
+    outputs.discard_outputs(json, junit, summary)
     progress = progress_lines()
     if every or quick:
         loaded = suitable_cases(loaded, candidates, progress)
+
+    def each(judge_one: Callable[[Case], CaseResult]) -> list[CaseResult]:
+        return [judge_or_say_why(judge_one, case, candidates) for case in loaded]
+
     if self_test:
         trials = [run_self_test(progress, cases=loaded, candidate=one) for one in candidates]
         results = [merge_candidates(trials)]
     elif metamorphic:
-        results = [
-            merge_candidates([judge_relations(case, one, progress) for one in candidates])
-            for case in loaded
-        ]
+        results = each(
+            lambda c: merge_candidates([judge_relations(c, one, progress) for one in candidates])
+        )
     elif versus is not None:
         others = [other_candidate(versus, time_limit, candidate) for candidate in candidates]
         pairs, limits = list(zip(candidates, others, strict=True)), read_limits(limit or [])
-        results = [
-            merge_candidates([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
-            for c in loaded
-        ]
+        results = each(
+            lambda c: merge_candidates(
+                [judge_versus(c, *o, limits=limits, progress=progress) for o in pairs]
+            )
+        )
     elif (
         simulator is None
         and fault is Fault.NONE
@@ -202,20 +212,24 @@ def gate(
     ):
         results = judge_cases(loaded, candidates, precision=precision, progress=progress)
     else:
-        results = [
-            judge_case(
-                case,
-                live=live or case.is_changed,
+        results = each(
+            lambda c: judge_case(
+                c,
+                live=live or c.is_changed,
                 candidate=candidates,
                 precision=precision,
                 progress=progress,
             )
-            for case in loaded
-        ]
+        )
     outputs.print_results(results, Console(highlight=False))  # no full disk takes the verdict away
     outputs.write_outputs(results, json=json, junit=junit, summary=summary)
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print("\n".join(outputs.github_annotations(results)))
+    if lost := [result for result in results if result.not_judged]:
+        if len(results) == 1:
+            raise InputError(lost[0].not_judged)
+        whys = "; ".join(f"{result.name}: {result.not_judged}" for result in lost)
+        raise InputError(f"{len(lost)} of {len(results)} cases not judged: {whys}")
     if record_expected:
         known = expectation.with_results(expectation.read_expected(), results)
         write_text_atomically(expectation.FILE, expectation.expected_toml(known))

@@ -84,11 +84,16 @@ def law(
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
         found = checks.check_simulator(program, material, limit, progress_lines())
-        _end(material, program.name, found, json)
+        _end(material, program.name, found, json, _of_cells(material, found))
         return
     whose = FastsimLaw(material) if who == "fastsim" else ReferenceLaw(material)
     if not self_test:
-        _end(material, whose.name, checks.check_law(whose, material), json)
+        remarks = (
+            []
+            if material.law.is_finite_when_inverted
+            else ["inverted cells: not asked, this law has no stress where det F <= 0"]
+        )
+        _end(material, whose.name, checks.check_law(whose, material), json, remarks)
         return
     caught = checks.self_test(whose, material)
     for mistake, findings in caught.items():
@@ -108,7 +113,31 @@ def _ogden_terms(given: list[str]) -> tuple[tuple[float, float], ...]:
         raise InputError(f"--ogden {' '.join(given)}: each is two numbers, like 0.7,1.3") from None
 
 
-def _end(material: Material, who: str, found: list[Finding], json: Path | None) -> None:
+def _of_cells(material: Material, found: list[Finding]) -> list[str]:
+    """Which of a simulator's cells came to rest inside out, and which were not asked for."""
+    from palpate.validation.diagnosis.law_checks import asked_of_simulators
+
+    inverted = {f"{each.kind.rstrip(' 0123456789')} {k}" for each in found for k in each.inverted}
+    _, kinds, numbers, is_stable = asked_of_simulators(material)
+    every = [f"{kind} {number}" for kind, number in zip(kinds, numbers, strict=True)]
+    where = [name for name in every if name in inverted]
+    lines = [
+        f"inverted: {', '.join(where)}: came to rest inside out (det F < 0)"
+        if where
+        else "no cell came to rest inside out"
+    ]
+    left = [name for name, stays in zip(every, is_stable, strict=True) if not stays]
+    if left:
+        lines.append(
+            f"left out: {', '.join(left)}: a free cell of this material does not stay there under "
+            "dead forces"
+        )
+    return lines
+
+
+def _end(
+    material: Material, who: str, found: list[Finding], json: Path | None, remarks: list[str]
+) -> None:
     """Print the findings, write them, and end with the exit code of the worst."""
     about = f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}"
     lines = [f"{material.law}, {about}, by {who}"]
@@ -119,7 +148,11 @@ def _end(material: Material, who: str, found: list[Finding], json: Path | None) 
     wrong = [each for each in found if not each.is_good]
     for each in wrong:
         lines.append(f"failed: {each.check}, {each.kind}: {each.message}")
-        lines.append(f"  at F = {each.worst.round(6).tolist()}")
+        failed = ", ".join(map(str, each.failed))
+        lines.append(
+            f"  at number {failed} of the kind; the worst F = {each.worst.round(6).tolist()}"
+        )
+    lines += remarks
     causes = {each.message for each in wrong if each.check == "law as stated"}
     number = f"{len(wrong)} of {len(found)}" if wrong else f"{len(found)}"
     verdict = f"{'FAILED' if wrong else 'passed'}: {number} checks"
@@ -133,10 +166,12 @@ def _end(material: Material, who: str, found: list[Finding], json: Path | None) 
             "limit": each.limit,
             "verdict": "passed" if each.is_good else "failed",
             "worst": each.worst.tolist(),
+            "failed": list(each.failed),
+            "inverted": list(each.inverted),
             "message": each.message,
         }
         for each in found
     ]
-    write_json(json, {"law": material.law.value, "of": who, "findings": rows})
+    write_json(json, {"law": material.law.value, "of": who, "findings": rows, "remarks": remarks})
     if wrong:
         raise typer.Exit(ExitCode.FAILED)

@@ -34,7 +34,11 @@ from palpate.validation.diagnosis.material_hypotheses import (
     law_hypotheses,
     material_hypotheses,
 )
-from palpate.validation.diagnosis.motion_hypotheses import motion_hypotheses, stepper_of
+from palpate.validation.diagnosis.motion_hypotheses import (
+    motion_hypotheses,
+    own_steps_of,
+    stepper_of,
+)
 from palpate.validation.diagnosis.result_hypotheses import (
     Ask,
     Fields,
@@ -114,7 +118,7 @@ def diagnose(
             else:
                 stepper, hint = stepper_of(body, candidate)
                 if stepper is not None:
-                    tried += motion_hypotheses(stepper, mine)
+                    tried += motion_hypotheses(stepper, mine, own_steps_of(problem, candidate))
         found = choose(tried)
         stated, of = _stated(body, mine, theirs)
         if not found and problem.springs:

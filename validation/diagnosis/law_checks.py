@@ -9,7 +9,7 @@ each show that the checks see it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,9 @@ _STEP = 1e-3
 class Finding:
     """The worst of a check over one kind of deformation, at F = `worst`, and what is wrong there.
 
-    `error` is over the size of what was compared, `limit` the largest that passes [-].
+    `error` is over the size of what was compared, `limit` the largest that passes [-]. `failed` are
+    the numbers within the kind, from 1, of all that failed, `inverted` of those at which a
+    simulator's cell came to rest inside out.
     """
 
     check: str
@@ -55,6 +57,8 @@ class Finding:
     limit: float
     worst: Array
     message: str = ""
+    failed: tuple[int, ...] = ()
+    inverted: tuple[int, ...] = ()
 
     @property
     def is_good(self) -> bool:
@@ -193,8 +197,12 @@ def _isotropy(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
 def _finding(check: str, kind: str, errors: Array, limit: float, F: Array, message: str) -> Finding:
     """NaN is the worst."""
     cell = int(np.argmax(np.where(np.isnan(errors), np.inf, errors)))
-    error = float(errors[cell])
-    return Finding(check, kind, error, limit, F[cell], "" if error <= limit else message)
+    error, failed = float(errors[cell]), _numbers(~(errors <= limit))
+    return Finding(check, kind, error, limit, F[cell], "" if error <= limit else message, failed)
+
+
+def _numbers(chosen: NDArray[np.bool_]) -> tuple[int, ...]:
+    return tuple((np.flatnonzero(chosen) + 1).tolist())
 
 
 def _directions(F: Array, count: int) -> Array:
@@ -409,6 +417,10 @@ _EDGE = 0.02
 _FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
 
 
+# Stretches along x and y and the shear of sheets in plane stress, and Newton's rounds for their
+# thickness, which converge quadratically from that of small strains.
+_SHEETS = ((1.25, 1.0, 0.0), (1.15, 1.15, 0.0), (0.9, 1.1, 0.0), (1.1, 1.0, 0.3))
+_ROUNDS = 12
 # Less of a cell's volume is left than a solver's rounding: its law says nothing there [-].
 _FLAT = 1e-9
 # A cell a thousand times as long as it was: no law is meant for that, and its stress may overflow.
@@ -426,16 +438,10 @@ def check_simulator(
     Raises:
         CandidateFailedError: It gives no result for any deformation.
     """
-    kinds = {
-        kind: stable
-        for kind, F in moderate_deformations().items()
-        if len(stable := F[_is_stable(F, material)])
-    }
-    if not kinds:
+    wanted, of_kind, numbers, is_stable = asked_of_simulators(material)
+    if not is_stable.any():
         raise InputError("no cell of this material stays where dead forces hold it")
-    wanted = np.concatenate(list(kinds.values()))
-    numbers = np.concatenate([np.arange(len(F)) + 1 for F in kinds.values()])
-    of_kind = np.repeat(list(kinds), [len(F) for F in kinds.values()])
+    wanted, of_kind, numbers = wanted[is_stable], of_kind[is_stable], numbers[is_stable]
     asked = stated_stress(material, wanted)
     F, sent, why_not = _brought_to_rest(simulator, material, wanted, progress)
     good = np.array([not why for why in why_not])
@@ -443,21 +449,56 @@ def check_simulator(
     if good.any():
         cause = cause_of_stress(asked[good], material, F[good], _FREE)
     found = []
-    for kind in kinds:
+    is_inverted = np.linalg.det(F) < 0.0
+    for kind in dict.fromkeys(of_kind.tolist()):
         rows = good & (of_kind == kind)
+        of_rows = []
         if rows.any():
-            found.append(_compare(asked[rows], F[rows], material, kind, limit, cause))
+            of_rows.append(_compare(asked[rows], F[rows], material, kind, limit, cause))
         if sent is not None and rows.any():
             J = np.linalg.det(F[rows])[:, None, None]
             of_rest = J * sent[rows] @ np.linalg.inv(F[rows]).transpose(0, 2, 1)
-            found.append(
+            of_rows.append(
                 compare_stress(of_rest, material, kind, F[rows], limit, "stress sent", cause=None)
             )
-        found += [
-            Finding("law as stated", f"{kind} {numbers[k]}", np.inf, limit, wanted[k], why_not[k])
-            for k in np.flatnonzero(~good & (of_kind == kind))
-        ]
+        inverted = tuple(numbers[rows & is_inverted].tolist())
+        for each in of_rows:
+            failed = tuple(int(numbers[rows][k - 1]) for k in each.failed)
+            found.append(replace(each, failed=failed, inverted=inverted))
+        for k in np.flatnonzero(~good & (of_kind == kind)):
+            which = f"{kind} {numbers[k]}"
+            one = Finding("law as stated", which, np.inf, limit, wanted[k], why_not[k])
+            number = (int(numbers[k]),)
+            found.append(replace(one, failed=number, inverted=number if is_inverted[k] else ()))
     return found
+
+
+def asked_of_simulators(
+    material: Material,
+) -> tuple[Array, NDArray[np.str_], NDArray[np.int32], NDArray[np.bool_]]:
+    """F of the cells that a simulator may be asked for, their kinds, their numbers in these.
+
+    The last says which a free cell of this material stays at under dead forces: the others are
+    left out.
+    """
+    kinds = {**moderate_deformations(), "plane stress": _in_plane_stress(material)}
+    F, sizes = np.concatenate(list(kinds.values())), [len(of) for of in kinds.values()]
+    numbers = np.concatenate([np.arange(size, dtype=np.int32) + 1 for size in sizes])
+    return F, np.repeat(list(kinds), sizes), numbers, _is_stable(F, material)
+
+
+def _in_plane_stress(material: Material) -> Array:
+    """Deformations of a sheet whose faces are free, (n, 3, 3): its thickness makes P33 zero."""
+    F = np.array([[[a, g, 0.0], [0.0, b, 0.0], [0.0, 0.0, 1.0]] for a, b, g in _SHEETS])
+    across = np.zeros_like(F)
+    across[:, 2, 2] = 1.0
+    nu = material.poissons_ratio
+    F[:, 2, 2] = (F[:, 0, 0] * F[:, 1, 1]) ** (-nu / (1.0 - nu))  # as for small strains
+    for _ in range(_ROUNDS):
+        moduli = moduli_of(material, len(F))
+        slope = stress_change(material.law, F - np.eye(3), across, *moduli)[:, 2, 2]
+        F[:, 2, 2] -= stated_stress(material, F)[:, 2, 2] / slope
+    return F
 
 
 def _brought_to_rest(

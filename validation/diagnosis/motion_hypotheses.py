@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
-from palpate.meshes.tet_mesh import signed_volumes
+from palpate.meshes.problem import Problem
+from palpate.reference.schemes import Integrator, are_whole_steps_apart
 from palpate.validation.diagnosis.explanation import (
     OF_MOTION,
     PRESSURE_FOLLOWS,
@@ -30,8 +31,13 @@ from palpate.validation.diagnosis.explanation import (
     snapped,
 )
 from palpate.validation.diagnosis.material_hypotheses import lame_hypotheses
-from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
+from palpate.validation.exchange.nodal_arrays import lumped_mass
 from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.implicit_stepping import (
+    ImplicitStepper,
+    can_be_stepped,
+    consistent_mass,
+)
 from palpate.validation.metrics.laws import OTHER_STRAIN, laws_instead_of_law
 from palpate.validation.metrics.stepping import MotionHypothesis, Stepper
 from palpate.validation.states import State
@@ -58,10 +64,24 @@ _STEPPINGS = {
     "wrong start: the step before the first taken for the first, without half of its "
     "acceleration": MotionHypothesis(start=0.0),
     "wrong start: twice the acceleration at first": MotionHypothesis(start=1.0),
-    "semi-implicit Euler steps": MotionHypothesis(is_semi_implicit=True),
+    "another time integration: semi-implicit Euler": MotionHypothesis(is_semi_implicit=True),
+    "another time integration: semi-implicit Euler, damping at the end of a step": MotionHypothesis(
+        is_semi_implicit=True, is_damped_at_end=True
+    ),
+    "another time integration: explicit Euler": MotionHypothesis(is_explicit_euler=True),
     "every state stored one step late": MotionHypothesis(late=-1),
     "every state stored one step early": MotionHypothesis(late=1),
 }
+# Schemes that solve equations, in words, and steps to an output that simulators take with them.
+_IMPLICIT = {
+    Integrator.BACKWARD_EULER: "backward Euler",
+    Integrator.BDF2: "BDF2",
+    Integrator.TRAPEZOIDAL: "the trapezoidal rule (Newmark, gamma = 1/2, beta = 1/4)",
+    Integrator.IMPLICIT_MIDPOINT: "the implicit midpoint rule",
+}
+_PER_OUTPUT = (1, 2, 4, 5, 10, 20)
+# Outputs that such a step is tried on, and what one costs, in explicit steps: some iterations.
+_FEWEST, _MOST, _COST = 3, 8, 10
 # Fitted numbers: how far one is moved to see the change, and how often it is corrected.
 _NUDGE = 1e-5
 _ROUNDS = 8
@@ -72,8 +92,7 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     """The stepper of the candidate's motion, or why it cannot be stepped again."""
     span = body.problem.time
     assert span is not None
-    said = candidate.says.get("time_step", candidate.details.get("time_step"))
-    step = span.time_step or (said if isinstance(said, float) and 0.0 < said < np.inf else None)
+    step = span.time_step or _stated_step(candidate)
     if body.problem.springs:
         return None, f"A motion with springs is not stepped again: {_UNTRIED}"
     if body.problem.tools:
@@ -90,10 +109,26 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     return Stepper(body, between / per_output, per_output, outputs), ""
 
 
-def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
+def _stated_step(candidate: State) -> float | None:
+    said = candidate.says.get("time_step", candidate.details.get("time_step"))
+    return said if isinstance(said, float) and 0.0 < said < np.inf else None
+
+
+def own_steps_of(problem: Problem, candidate: State) -> int | None:
+    """Steps to an output of a step that the candidate states and the case does not ask for."""
+    span, step = problem.time, _stated_step(candidate)
+    if span is None or step is None or not are_whole_steps_apart(span, step):
+        return None
+    return min(round(span.end_time / span.num_outputs / step), _MOST_STEPS)
+
+
+def motion_hypotheses(
+    stepper: Stepper, fields: Fields, own_steps: int | None = None
+) -> Iterator[Explanation]:
     """Try each hypothesis, and numbers to fit where none of the plain ones fits.
 
-    `fields` are the candidate's displacement at the outputs [m], (num_times, num_points, 3).
+    `fields` are the candidate's displacement at the outputs [m], (num_times, num_points, 3), and
+    `own_steps` the steps to an output that it states, if it does.
     """
     wanted = fields[1 : stepper.num_outputs + 1]
     stated = _misfit(stepper, MotionHypothesis(), wanted, None)
@@ -105,19 +140,58 @@ def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]
         tried = Explanation(name, cause, left, stated, OF_MOTION, 1)
         found = found or tried.fits
         yield tried
+    if not found and can_be_stepped(stepper.body):
+        for tried in _other_integrations(stepper, wanted, stated, own_steps):
+            found = found or tried.fits
+            yield tried
     if not found:
         yield from _fitted(stepper, wanted, stated)
+
+
+def _other_integrations(
+    stepper: Stepper, wanted: Fields, stated: float, own_steps: int | None
+) -> Iterator[Explanation]:
+    """Schemes and steps that are not the case's; nothing where they would take too long here.
+
+    `own_steps` are those to an output that the candidate's own step makes, where it states one.
+    """
+    body, given = stepper.body, stepper.per_output
+    counts = sorted({*_PER_OUTPUT, given, *([own_steps] if own_steps else [])})
+    span = body.problem.time
+    assert span is not None
+    between = span.end_time / span.num_outputs
+    if own_steps and own_steps != given:
+        own = replace(stepper, step=between / own_steps, per_output=own_steps)
+        for name in [name for name in _STEPPINGS if "integration" in name]:
+            left = _misfit(own, _STEPPINGS[name], wanted, SINGLE)
+            words = f"{name}, {own_steps} steps to an output"
+            yield Explanation(words, Cause.TIME, left, stated, OF_MOTION, 1)
+    for count, is_full in ((c, full) for full in (False, True) for c in counts):
+        outputs = min(_MOST, len(wanted), int(_WORK / _COST / body.mesh.num_cells / count))
+        if outputs < _FEWEST or (is_full and body.mesh.num_points > _FULL_MASS):
+            continue
+        for scheme, called in _IMPLICIT.items():
+            implicit = ImplicitStepper(body, scheme, count, outputs, is_full)
+            left = _largest_misfit(implicit.outputs(), wanted[:outputs], SINGLE)
+            words = f"another time integration: {called}, steps of {between / count:.4g} s"
+            words += ", with the consistent mass matrix" if is_full else ""
+            yield Explanation(words, Cause.TIME, left, stated, OF_MOTION, 1 + is_full)
 
 
 def _misfit(
     stepper: Stepper, hypothesis: MotionHypothesis, wanted: Fields, give_up: float | None
 ) -> float:
+    """See `_largest_misfit`."""
+    return _largest_misfit(stepper.outputs(hypothesis), wanted, give_up)
+
+
+def _largest_misfit(outputs: Iterator[Points], wanted: Fields, give_up: float | None) -> float:
     """Largest distance over the largest displacement; stops where it is beyond `give_up`."""
     scale = float(np.linalg.norm(wanted, axis=-1).max())
     if scale == 0.0:
         return float("inf")
     left, count = 0.0, 0
-    for count, state in enumerate(stepper.outputs(hypothesis), start=1):
+    for count, state in enumerate(outputs, start=1):
         left = max(left, float(np.linalg.norm(state - wanted[count - 1], axis=-1).max()) / scale)
         if give_up is not None and left > give_up:
             return left
@@ -181,12 +255,7 @@ def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, MotionHypothesis]
     shared = MotionHypothesis(mass=mass.sum() * at_point / at_point.sum())
     yield "another lumping: by the number of cells at a point, not by volume", Cause.MASS, shared
     if mesh.num_points <= _FULL_MASS:
-        cell_mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(body.problem)[:, 2]
-        full = np.zeros((mesh.num_points, mesh.num_points))
-        block = (np.eye(4) + 1.0) / 20.0
-        pairs = (mesh.cells[:, :, None], mesh.cells[:, None, :])
-        np.add.at(full, pairs, cell_mass[:, None, None] * block)
-        full += np.diag(mass - _mass_of_cells(body))
+        full = consistent_mass(body).toarray()
         yield (
             "another lumping: the consistent mass matrix",
             Cause.MASS,

@@ -16,6 +16,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.schemes import Steps
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
@@ -56,6 +57,7 @@ from palpate.validation.states import (
     gravest,
     in_silence,
 )
+from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
     from palpate.validation.diagnosis import Diagnosis
@@ -396,7 +398,9 @@ def _comparable(against: str, problem: Problem) -> list[str]:
 
 
 def exit_code(results: list[CaseResult]) -> int:
-    """0 passed, 1 failed, 3 inconclusive; the gravest case decides."""
+    """2 where a case was not judged; else 0 passed, 1 failed, 3 inconclusive, by the gravest."""
+    if any(result.not_judged for result in results):
+        return ExitCode.UNUSABLE_INPUT
     return ExitCode[gravest([result.verdict for result in results]).name]
 
 
@@ -436,6 +440,30 @@ def suitable_cases(
     return left
 
 
+def judge_or_say_why(
+    judge_one: Callable[[Case], CaseResult], case: Case, candidates: Sequence[Candidate]
+) -> CaseResult:
+    """A case judged or, where an input of it cannot be used, why not: the next has its verdict."""
+    try:
+        return judge_one(case)
+    except (InputError, ReferenceFailedError) as error:
+        is_unusable = isinstance(error, (InputError, ReferenceUnavailableError))
+        verdict, why = Verdict.INCONCLUSIVE, str(error)
+        return CaseResult(
+            name=case.name,
+            title=case.title,
+            verdict=verdict,
+            checks=(),
+            problem=case.problem,
+            candidates=tuple(Judged(one.name, verdict, one.element) for one in candidates),
+            provenance={"palpate": version_of("palpate"), "case_file": case.file},
+            notes=(why,),
+            not_judged=why if is_unusable else "",
+            case_text=case.text,
+            units=case.spec.units,
+        )
+
+
 def judge_cases(
     cases: Sequence[Case],
     candidates: Sequence[Candidate],
@@ -446,23 +474,23 @@ def judge_cases(
 ) -> list[CaseResult]:
     """Judge candidates on cases by their stored references, on several cores; see `judge_case`.
 
+    A case that cannot be judged says why in its result, and the others have their verdicts.
+
     Args:
         cases: The cases, in the order of the results.
         candidates: Candidates of fastsim: their solve functions are sent to other processes.
         precision: The precision granted to them.
         progress: Called with the lines of a case once it is judged, in the order of the cases.
         processes: How many; None chooses by the available cores and the number of cases.
-
-    Raises:
-        InputError: As `judge_case` does, for the first case that cannot be judged.
     """
     count = processes
     if count is None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
         count = min(cores, _MOST_PROCESSES, len(cases) // _CASES_OF_A_PROCESS)
     judge_one = partial(judge_case, candidate=candidates, precision=precision)
+    here = partial(judge_one, progress=progress)
     if count <= 1:
-        return [judge_one(case, progress=progress) for case in cases]
+        return [judge_or_say_why(here, case, candidates) for case in cases]
     context, results = multiprocessing.get_context("spawn"), []
     with ProcessPoolExecutor(count, context, _leave_interrupts_alone) as pool:
         waiting = [pool.submit(_with_lines, judge_one, case) for case in cases]
@@ -471,7 +499,7 @@ def judge_cases(
                 lines, result = future.result()
             except Exception:
                 # Also of a process that was killed: judged here the case raises its own error.
-                lines, result = [], judge_one(case, progress=progress)
+                lines, result = [], judge_or_say_why(here, case, candidates)
             for line in lines:
                 progress(line)
             results.append(result)

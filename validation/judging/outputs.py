@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json as json_format
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -45,7 +46,7 @@ _COLOUR = {
 _TONE = {str(verdict): colour for verdict, colour in _COLOUR.items()} | {"narrow": "cyan"}
 # Attributes of a case in results.json.
 _OF_CASE = (
-    "name", "title", "verdict", "scope", "metrics", "unseen", "published", "notes",
+    "name", "title", "verdict", "not_judged", "scope", "metrics", "unseen", "published", "notes",
     "candidate_says", "provenance",
 )  # fmt: skip
 _GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
@@ -177,7 +178,8 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
     lines = []
     for r in results:
-        lines.append(f"- **{for_markdown(r.name)}**: {_outcome(r)} ({for_markdown(r.title)})")
+        outcome = for_markdown(_outcome(r))
+        lines.append(f"- **{for_markdown(r.name)}**: {outcome} ({for_markdown(r.title)})")
         if len(r.candidates) > 1:
             lines += [f"  - {for_markdown(one.name)}: {one.verdict}" for one in r.candidates]
         lines += [f"  - diagnosis, {d.title}: {for_markdown(str(d))}" for d in r.diagnoses]
@@ -212,8 +214,9 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
                 Text(check.verdict, style=_COLOUR[check.verdict]),
                 Text(for_terminal(check.reason), style="dim"),
             )
-        console.print(table)
-        for note in result.notes:
+        if result.checks:
+            console.print(table)
+        for note in () if result.not_judged else result.notes:
             console.print(Text(for_terminal(note), style="dim"))
         for judged in result.candidates if len(result.candidates) > 1 else ():
             line = f"{result.name}, {judged.name}: {judged.verdict}"
@@ -223,7 +226,9 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
 
 
 def _outcome(result: CaseResult) -> str:
-    """The verdict, and beside a "passed" what it does not say."""
+    """The verdict, or why there is none, and beside a "passed" what it does not say."""
+    if result.not_judged:
+        return f"not judged: {result.not_judged}"
     caution = result.scope.caution if result.verdict is Verdict.PASSED else ""
     return f"{result.verdict}, {caution}" if caution else str(result.verdict)
 
@@ -323,6 +328,16 @@ def citation(result: CaseResult) -> str:
 
 def _shortened(about: Mapping[str, Any], key: str) -> str:
     return str(about.get(key, "unknown"))[:_KEY]
+
+
+def discard_outputs(*paths: Path | None) -> None:
+    """Remove the outputs of an earlier run: none is taken for this run's, however it ends.
+
+    Args:
+        paths: Files that `require_outputs` has let this run replace; None is left out.
+    """
+    for path in filter(None, paths):
+        Path(os.path.realpath(path)).unlink(missing_ok=True)
 
 
 def write_outputs(

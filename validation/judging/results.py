@@ -178,6 +178,7 @@ class CaseResult:
         metrics: Named numbers, SI units.
         provenance: Versions, hashes, machine, command.
         notes: Lines a reader must know (what meshed it, where the reference comes from).
+        not_judged: Why there is no check at all: an input that cannot be used; else empty.
         published: Numbers of a paper with their source, from the case file.
         error_fields: Error at the points, by name [m], shape (num_points,).
         candidates: The candidates that were judged, with their verdicts.
@@ -200,6 +201,7 @@ class CaseResult:
     metrics: Mapping[str, float | None] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    not_judged: str = ""
     published: Mapping[str, Any] = field(default_factory=dict)
     error_fields: Mapping[str, Points] = field(default_factory=dict)
     case_text: str = ""

@@ -234,7 +234,10 @@ class Pane(ABC):
         try:
             self._step(position, num_steps)
         except (FastsimError, ToolError) as error:
-            self.trouble = str(error)
+            # Whatever ends a body here, it was the hand that did it.
+            advice = getattr(error, "suggestion", "")
+            words = "press less deep, or more slowly; reset to go on"
+            self.trouble = str(error).replace(advice, words) if advice else str(error)
         self.seconds = time.perf_counter() - begin
         self.cpu_seconds = time.thread_time() - cpu
 

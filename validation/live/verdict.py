@@ -27,15 +27,16 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-from palpate.reference.result import LOST, YIELDS
+from palpate.reference.result import LOST, REMEDY_OF_YIELD, YIELDS
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.live.poses import PoseOfPane, at_rest, read_pose
+from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.validity import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE, whole_metrics
 from palpate.validation.references.geometry import with_geometry
@@ -43,7 +44,12 @@ from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, R
 from palpate.validation.references.reference_set import SAME_MESH as LINEAR
 from palpate.validation.references.reference_set import TRUTH as GRADED
 from palpate.validation.references.runs import solve_state
-from palpate.validation.references.statics import estimate_bars, solve_live
+from palpate.validation.references.statics import (
+    UNKNOWNS,
+    estimate_bars,
+    solve_live,
+    unknowns_of,
+)
 from palpate.validation.report.answer import amount_of, quantity_of
 from palpate.validation.report.viewer import packed
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict, gravest
@@ -67,6 +73,8 @@ _OF_GEOMETRY = 40.0
 _LEAST_COLOUR = 0.01
 # An error below this is not worth its digits [-].
 _NOTHING = 1e-4
+# The limits that end a truth here do not hold there.
+_WITHOUT_LIMIT = "build its truth without this limit: palpate reference build {}.toml"
 _EQUATIONS = "the same equations on the same mesh: the rest is the way left to equilibrium"
 _RIGHT = (
     {"metric": "displacement_l2", "limit": 0.01, "reason": _EQUATIONS},
@@ -114,8 +122,11 @@ def true_references(
     """Solve the truth under Green strain from the last such pose; it joins the known references.
 
     Raises:
-        ReferenceFailedError: There is none, the tool never touches its body, or the law yields.
+        ReferenceFailedError: There is none, the tool never touches its body, the law yields, or
+            the body is too large for it.
     """
+    _require_small(case)
+    _require_resistance(case, panes)
     request = truth_request(case)
     resting = [pane for pane in panes if pane.strain is Strain.GREEN and not pane.why]
     if not resting:
@@ -156,6 +167,31 @@ def true_references(
     return with_geometry(
         case, found, progress, strains=(Strain.GREEN,), request=request, seconds=_OF_GEOMETRY
     )
+
+
+def _require_small(case: Case) -> None:
+    """Refuse a body on whose mesh there is no room for a finer one, which a truth needs."""
+    count, cells = unknowns_of(case.problem), case.mesh.mesh.num_cells
+    if 2.0 * count > UNKNOWNS:
+        raise ReferenceFailedError(
+            f"the body is too large for a live verdict: quadratic tetrahedra on its {cells} cells "
+            f"have {count} unknowns, and of all meshes of a truth the largest may have "
+            f"{UNKNOWNS:.0f}, twice as many at least; take a mesh of at most "
+            f"{int(cells * UNKNOWNS / 2.0 / count)} cells, or {_WITHOUT_LIMIT.format(case.name)}"
+        )
+
+
+def _require_resistance(case: Case, panes: Sequence[PoseOfPane]) -> None:
+    """Refuse a pose in which the law itself gives way: P2 would find that after a minute."""
+    for pane in panes:
+        if pane.why or pane.strain is not Strain.GREEN or pane.element is not Element.LINEAR:
+            continue
+        least = float(Body(case.problem, pane.strain).least_moduli(pane.displacement).min())
+        if least <= 0.0:
+            raise ReferenceFailedError(
+                f"{YIELDS}: its least modulus in this pose is {least:.2g} of that at rest, and a "
+                f"finer mesh gives way there; {REMEDY_OF_YIELD}"
+            )
 
 
 def _judged(case: Case, pane: PoseOfPane) -> JudgedSolution:
@@ -206,8 +242,21 @@ def judge_panes(
         if reference is not None:
             error = np.linalg.norm(pane.displacement - reference.displacement, axis=1)
         verdict = gravest([check.verdict for check in checks])
+        if question == TRUTH and verdict is Verdict.INCONCLUSIVE and not why:
+            words += _why_no_further(case, own)
         found.append(PaneVerdict(pane.name, verdict, words, error))
     return found
+
+
+def _why_no_further(case: Case, references: ReferenceSet) -> list[str]:
+    """What ended a truth whose bars decide nothing: most often a limit of time or unknowns."""
+    record = references.provenance.get(ADAPTIVE, {}).get(Strain.GREEN.value, {})
+    ended = record.get("ended", "")
+    if not ended:
+        return []
+    is_limit = "budget" in ended
+    remedy = f"; take a coarser mesh, or {_WITHOUT_LIMIT.format(case.name)}" if is_limit else ""
+    return [f"the truth ended before it could decide: {ended}{remedy}"]
 
 
 def _usable_state(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State | None, str]:

@@ -176,6 +176,11 @@ class Body:
         return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
 
     @property
+    def is_smoothed(self) -> bool:
+        """Whether a cell's forces depend on its neighbours."""
+        return self._smoothing is not None
+
+    @property
     def is_linear_in_strain(self) -> bool:
         """Whether S = lmbda tr(E) I + 2 mu E, with the strain asked for."""
         return self.strain is Strain.LINEAR or self.law.is_linear_in_strain
@@ -260,6 +265,27 @@ class Body:
         if self._smoothing is not None:
             return self._smoothing.law_stress(self.law, H, self._terms)
         return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)
+
+    def least_moduli(self, displacement: Points) -> Floats:
+        """Least tangent modulus of Saint-Venant-Kirchhoff by cell, over that at rest [-], (n,).
+
+        Where it is not above 0 no equilibrium is stable (J. E. Marsden, T. J. R. Hughes,
+        Mathematical Foundations of Elasticity, 1983, section 3.4): S_i + (lmbda + 2 mu) l_i^2 along
+        the principal stretches l, S_j + mu l_i^2 in the shears between them. 1 of other laws and of
+        linear strain.
+        """
+        if self.strain is Strain.LINEAR or not self.law.is_linear_in_strain:
+            return np.ones(self.mesh.num_cells)
+        E = strain_of(self.gradient(displacement), Strain.GREEN)
+        # E, S and C have the same axes.
+        e = np.linalg.eigvalsh(E)
+        l2, (lmbda, mu) = 1.0 + 2.0 * e, (of[:, None] for of in (self.lmbda, self.mu))
+        S = lmbda * e.sum(axis=1, keepdims=True) + 2.0 * mu * e
+        pairs = ~np.eye(3, dtype=bool)
+        shears = (S[:, None, :] + mu[:, None] * l2[:, :, None])[:, pairs] / mu
+        along = S / (lmbda + 2.0 * mu) + l2
+        least: Floats = np.concatenate([along, shears], axis=1).min(axis=1)
+        return least
 
     @cached_property
     def stiffness_diagonal(self) -> Points:

@@ -41,6 +41,8 @@ class MotionHypothesis:
         viscosity: Factor of the stiffness damping [-].
         start: Factor of dt^2 a''(0) in the displacement a step before the first [-].
         is_semi_implicit: Semi-implicit Euler in the place of central differences.
+        is_damped_at_end: With it, damping by the velocity at the end of a step.
+        is_explicit_euler: Explicit Euler in the place of central differences.
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
         late: Steps that every stored state comes late.
@@ -59,6 +61,8 @@ class MotionHypothesis:
     viscosity: float = 1.0
     start: float = 0.5
     is_semi_implicit: bool = False
+    is_damped_at_end: bool = False
+    is_explicit_euler: bool = False
     step_factor: float = 1.0
     pieces: int = 1
     late: int = 0
@@ -98,8 +102,14 @@ class Stepper:
         every = self.per_output * hypothesis.pieces
         for step in range(1, every * self.num_outputs + 1 + max(-hypothesis.late, 0)):
             acceleration = self._acceleration(now, (step - 1) * dt, hypothesis, beta, before)
-            if hypothesis.is_semi_implicit:
+            if hypothesis.is_explicit_euler:
+                after = now + dt * velocity
                 velocity = velocity + dt * (acceleration - damping * velocity)
+            elif hypothesis.is_semi_implicit:
+                if hypothesis.is_damped_at_end:
+                    velocity = (velocity + dt * acceleration) / (1.0 + dt * damping)
+                else:
+                    velocity = velocity + dt * (acceleration - damping * velocity)
                 after = now + dt * velocity
             else:
                 after = (acceleration + 2.0 / dt**2 * now - right * before) / left

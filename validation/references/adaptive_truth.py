@@ -207,7 +207,8 @@ def why_without_limit(record: Any, problem: Problem, strain: Strain, metric: str
     shown = ", ".join(f"{v:.3g}" for v in values)
     return (
         f"the truth's smallest det F falls with every mesh ({shown}): a cell inverts at a corner "
-        f"as the mesh is refined, so that {name} has no limit; round the corner or lower the load"
+        f"as the mesh is refined, so that {name} has no limit; round the corner or "
+        f"{'press less deep' if problem.tools else 'lower the load'}"
     )
 
 

@@ -262,7 +262,7 @@ class _LiveRun:
             return True
         self.failures[QUADRATIC, strain] = (
             f"{QUADRATIC}: not tried, because {SAME_MESH} lost equilibrium at "
-            f"{error.load_factor:.3f} of the load ({error.reason}); lower the load"
+            f"{error.load_factor:.3f} of {error.of} ({error.reason}); {error.remedy}"
         )
         return False
 

@@ -11,7 +11,12 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-CODES = {"0": "passed", "1": "failed", "2": "not judged: unusable input", "3": "inconclusive"}
+CODES = {
+    "0": "passed",
+    "1": "failed",
+    "2": "not judged, or not all: unusable input",
+    "3": "inconclusive",
+}
 MOST = 65_000  # GitHub takes 65 536 characters
 AUTHOR = "github-actions[bot]"  # of comments made with the token of a job
 MAY_NOT = (
@@ -34,14 +39,13 @@ def ask(method: str, path: str, body: str | None = None) -> object:
 
 def text(event: dict, marker: str) -> str:
     """The comment: what the gate ended with, for which commit and where, and its table."""
-    env, summary = os.environ, Path("summary.md")
+    env = os.environ
     run = f"{env['GITHUB_REPOSITORY']}/actions/runs/{env['GITHUB_RUN_ID']}"
     code, commit = env["CODE"], event["pull_request"]["head"]["sha"][:10]
     verdict = CODES.get(code, f"ended with {code}")
     log = f"[log]({env['GITHUB_SERVER_URL']}/{run})"
     head = f"{marker}\n### palpate gate: {verdict}\n\n`{env['CASES']}` at {commit}, {log}\n\n"
-    # A table of an earlier run may lie there where this one has written none.
-    table = summary.read_text("utf-8") if code in {"0", "1", "3"} and summary.is_file() else ""
+    table = Path(env["TABLE"]).read_text("utf-8") if env["TABLE"] else ""  # of this run, if any
     table = table.replace("@", "@\u200b")  # a name in a message calls nobody
     if len(head + table) > MOST:
         table = table[: MOST - len(head)].rpartition("\n")[0] + "\n\nThe rest is in the log."

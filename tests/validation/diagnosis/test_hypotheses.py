@@ -171,7 +171,18 @@ def test_the_distance_of_a_motion_is_over_its_largest_displacement() -> None:
         ("damping left out", MotionHypothesis(damping=0.0)),
         ("every state stored one step late", MotionHypothesis(late=-1)),
         ("every state stored one step early", MotionHypothesis(late=1)),
-        ("semi-implicit Euler steps", MotionHypothesis(is_semi_implicit=True)),
+        (
+            "another time integration: semi-implicit Euler",
+            MotionHypothesis(is_semi_implicit=True),
+        ),
+        (
+            "another time integration: semi-implicit Euler, damping at the end of a step",
+            MotionHypothesis(is_semi_implicit=True, is_damped_at_end=True),
+        ),
+        (
+            "another time integration: explicit Euler",
+            MotionHypothesis(is_explicit_euler=True),
+        ),
     ],
 )
 def test_a_motion_with_a_mistake_is_that_of_its_hypothesis(

@@ -11,7 +11,14 @@ from typer.testing import CliRunner
 
 from palpate.meshes.material_law import Law
 from palpate.validation.cli import app
-from palpate.validation.diagnosis.law_checks import check_law, compare_stress, moduli_of, self_test
+from palpate.validation.diagnosis.law_checks import (
+    asked_of_simulators,
+    check_law,
+    compare_stress,
+    moduli_of,
+    self_test,
+    stated_stress,
+)
 from palpate.validation.diagnosis.law_simulators import (
     FastsimLaw,
     ReferenceLaw,
@@ -170,10 +177,44 @@ def test_a_simulators_law_is_known_by_where_its_cells_come_to_rest(tmp_path, sol
     code, said = run("neo-hookean", "--simulator", command)
     assert code == (1 if says else 0)
     # In simple shear, which keeps its volume, the two laws are one.
-    assert said.count("FAILED\n") == (4 if says else 0)
+    assert said.count("FAILED\n") == (5 if says else 0)
     assert said.count(f"failed: law as stated, random: {says}") == (1 if says else 0)
     last = said.splitlines()[-1]
-    assert last == (f"FAILED: 4 of 5 checks; {says}" if says else "passed: 5 checks")
+    assert last == (f"FAILED: 5 of 6 checks; {says}" if says else "passed: 6 checks")
+    assert "no cell came to rest inside out\n" in said
+    assert ("at number 1, 2 of the kind" in said) is bool(says)
+
+
+@LAWS
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
+def test_a_sheet_in_plane_stress_has_free_faces(law, nu):
+    material = example_material(law, nu)
+    F, kinds, *_ = asked_of_simulators(material)
+    sheets = F[kinds == "plane stress"]
+    assert np.abs(stated_stress(material, sheets)[:, 2]).max() < 1e-12 * material.youngs_modulus
+    # To first order a sheet becomes thinner by nu / (1 - nu) times what it is stretched by.
+    small = np.eye(3) + 1e-6 * np.diag([1.0, 1.0, -2.0 * nu / (1.0 - nu)])
+    assert np.abs(stated_stress(material, small[None])[0, 2, 2]) < 1e-10 * material.youngs_modulus
+    assert (np.linalg.det(sheets) > 0.5).all()
+
+
+def test_what_is_inside_out_and_what_is_left_out_is_said(tmp_path):
+    # The last corner of the first cell ends below the others: this law has a stress there.
+    program, file = tmp_path / "simulator.py", tmp_path / "found.json"
+    perturbed = "u[3] = (0.0, 0.0, -0.03)\nsent = {}"
+    program.write_text(SIMULATOR.replace("sent = {}", perturbed, 1), encoding="utf-8")
+    command = f"{sys.executable} {program} {{case}} {{result}} asked"
+    code, said = run("neo-hookean-stable", "--simulator", command, "--json", str(file))
+    assert code == 1
+    assert "inverted: uniaxial 1: came to rest inside out (det F < 0)\n" in said
+    assert "left out: uniaxial 3, biaxial 2: a free cell of this material does not stay" in said
+    assert "  at number 1 of the kind; the worst F = " in said
+    found = json.loads(file.read_text("utf-8"))
+    (wrong,) = (of for of in found["findings"] if of["verdict"] == "failed")
+    assert (wrong["kind"], wrong["failed"], wrong["inverted"]) == ("uniaxial", [1], [1])
+    assert len(found["remarks"]) == 2
+    assert "inverted cells: not asked" in run("neo-hookean")[1]
+    assert "inverted cells" not in run("neo-hookean-stable")[1]
 
 
 @pytest.mark.parametrize(("factor", "code"), [("1", 0), ("1.5", 1)])

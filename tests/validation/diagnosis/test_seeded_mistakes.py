@@ -83,7 +83,7 @@ OF_MOTION = {
     "equal-masses": "another lumping: every point the same mass",
     "wrong-start": "wrong start: the step before the first taken for the first, without half of "
     "its acceleration",
-    "semi-implicit": "semi-implicit Euler steps",
+    "semi-implicit": "another time integration: semi-implicit Euler",
     "one-output-late": "time shifted: 1 output late",
     "half-step": "a time step 2 times shorter",
     "other-strain": "linear strain instead of Green strain",

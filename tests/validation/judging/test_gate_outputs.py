@@ -148,3 +148,49 @@ def test_the_table_of_the_self_test_has_its_marks_under_their_letters() -> None:
     letters = {line.split()[1].rstrip(":"): line.split()[0] for line in lines[1:-2]}
     for fault, mark in ((Fault.SOFTER, "x"), (Fault.VERTICES_ONLY, ".")):
         assert row[header.index(letters[fault])] == mark
+
+
+UNREADABLE = """
+import pathlib, sys
+import numpy as np
+case, result = map(pathlib.Path, sys.argv[1:])
+points = np.load(case / "rest.npz")["points"]
+is_block = len(points) == NUM_POINTS
+np.savez(result, displacement=0.0 * points[: None if is_block else 7])
+"""
+
+
+@pytest.mark.parametrize("code", [2, 4])
+def test_one_unreadable_result_takes_no_verdict_and_leaves_no_outputs_of_before(
+    palpate_run, monkeypatch, tmp_path, code
+):
+    count = str(case_of("block").problem.mesh.num_points)
+    (tmp_path / "sim.py").write_text(UNREADABLE.replace("NUM_POINTS", count), encoding="utf-8")
+    paths = {name: tmp_path / name for name in ("json", "junit", "summary")}
+    outputs.write_outputs([], **paths)
+    if code == 4:  # an end without a verdict leaves no file that looks like one
+
+        def broken(*_args, **_options):
+            raise RuntimeError("broken")
+
+        monkeypatch.setattr("palpate.validation.judging.judge.judge_case", broken)
+    done = palpate_run(
+        "gate", "column", "block", "--simulator", f"{sys.executable} sim.py {{case}} {{result}}",
+        *(word for name, path in paths.items() for word in (f"--{name}", path)), folder=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == code
+    if code == 4:
+        assert not any(path.exists() for path in paths.values())
+        return
+    column, block = json.loads(paths["json"].read_text("utf-8"))["cases"]
+    assert "holds 7 points" in column["not_judged"]
+    assert (column["verdict"], column["checks"]) == ("inconclusive", [])
+    assert (block["verdict"], block["not_judged"]) == ("failed", "")
+    first, second = ET.fromstring(paths["junit"].read_text("utf-8"))
+    assert (first.get("name"), first.get("errors")) == ("column", "1")
+    assert first.find(".//error").get("message") == column["not_judged"]
+    assert int(second.get("failures")) > 0
+    assert "**column**: not judged: " in paths["summary"].read_text("utf-8")
+    assert "block: failed" in done.stdout
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("palpate: 1 of 2 cases not judged: column: ")

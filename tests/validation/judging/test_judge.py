@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 from judged import case_of
 
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
 from palpate.validation.case import load_cases
-from palpate.validation.judging.judge import judge_case, judge_cases
+from palpate.validation.judging.judge import (
+    exit_code,
+    judge_case,
+    judge_cases,
+    judge_or_say_why,
+)
 from palpate.validation.states import CandidateFailedError, State, Verdict
 from palpate.validation.versions import version_of
 
@@ -74,10 +79,23 @@ def test_two_processes_find_what_one_does_in_the_order_of_the_cases() -> None:
     assert lines == alone
 
 
-def test_a_case_that_cannot_be_judged_is_refused_as_ever(write_case) -> None:
-    cases = load_cases(["column", str(write_case())])
-    with pytest.raises(InputError, match="no reference is stored"):
-        judge_cases(cases, [fastsim_candidate()], processes=2)
+def test_a_case_that_cannot_be_judged_says_why_and_leaves_the_others_theirs(write_case) -> None:
+    cases = load_cases([str(write_case()), "column"])
+    mine, column = judge_cases(cases, [fastsim_candidate()], processes=2)
+    assert "no reference is stored" in mine.not_judged
+    assert column.checks
+
+
+def test_a_reference_that_fails_is_inconclusive_and_one_that_is_missing_unusable() -> None:
+    for error, code in ((ReferenceFailedError("lost"), 3), (ReferenceUnavailableError("none"), 2)):
+
+        def fails(_case, error=error):
+            raise error
+
+        result = judge_or_say_why(fails, case_of("block"), [fastsim_candidate()])
+        assert result.verdict is Verdict.INCONCLUSIVE
+        assert result.notes == (str(error),)
+        assert exit_code([result]) == code
 
 
 def test_a_simulator_without_a_result_is_judged_before_any_reference_is_solved(

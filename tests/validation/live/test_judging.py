@@ -5,19 +5,27 @@ from __future__ import annotations
 import math
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from judged import case_of, state_of
 
+from palpate.fastsim.errors import BlowUpError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Strain
+from palpate.reference.errors import ReferenceFailedError, ReferenceNotConvergedError
 from palpate.reference.result import LOST
 from palpate.validation.case import load_case
 from palpate.validation.live import verdict
 from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
-from palpate.validation.live.panes import BetweenVertices
+from palpate.validation.live.panes import BetweenVertices, Surface, make_panes
+from palpate.validation.live.poses import PoseOfPane
+from palpate.validation.metrics.body import Body
+from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 
 # Verdicts on the same mesh, then does what stands in LATER.
@@ -166,3 +174,81 @@ def test_two_meshes_that_tell_no_rate_have_the_bar_of_one(
     assert found.bars["displacement_l2", Strain.GREEN] == pytest.approx(bar)
     # What the meshes do tell stays.
     assert found.bars["volume", Strain.GREEN] == 0.03
+
+
+def crushed(part: float) -> PoseOfPane:
+    """The block pressed along x to a part of its length, its pose under Green strain."""
+    points = case_of("block").problem.mesh.points
+    moved = (part - 1.0) * points * [1.0, 0.0, 0.0]
+    return PoseOfPane("Green strain", Strain.GREEN, Element.LINEAR, moved, np.zeros(3))
+
+
+def test_a_pose_in_which_the_law_gives_way_is_refused_before_anything_is_solved() -> None:
+    """Confined compression: S_x + (lmbda + 2 mu) l^2 is 0 at l = 1 / sqrt(3) (deformed_state)."""
+    nothing = ReferenceSet({}, {}, "", {})
+    case, lines = case_of("block"), list[str]()
+    body = Body(case.problem, Strain.GREEN)
+    for part in (0.9, 0.7, 0.5):
+        l2 = part**2
+        # Along x over lmbda + 2 mu; across a shear S_y + mu l^2 over mu.
+        e, lmbda, mu = 0.5 * (l2 - 1.0), body.lmbda, body.mu
+        along, shear = e + l2, lmbda / mu * e + l2
+        least = np.minimum(along, shear)
+        assert body.least_moduli(crushed(part).displacement) == pytest.approx(least, rel=1e-12)
+    with pytest.raises(ReferenceFailedError, match=r"in this pose is -\S+ of .* press less deep"):
+        verdict.true_references(case, [crushed(0.5)], nothing, lines.append)
+    assert lines == []
+    stiff = replace(case.problem, material=replace(case.problem.material, law=Law.NEO_HOOKEAN))
+    assert (Body(stiff, Strain.GREEN).least_moduli(crushed(0.5).displacement) == 1.0).all()
+
+
+def test_a_body_too_large_for_a_live_truth_is_refused_with_the_limit_and_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(verdict, "UNKNOWNS", 1000.0)
+    nothing, lines = ReferenceSet({}, {}, "", {}), list[str]()
+    with pytest.raises(ReferenceFailedError) as refused:
+        verdict.true_references(case_of("block"), [crushed(0.9)], nothing, lines.append)
+    assert lines == []
+    # 44 points and 173 edges.
+    assert str(refused.value) == (
+        "the body is too large for a live verdict: quadratic tetrahedra on its 90 cells have 651 "
+        "unknowns, and of all meshes of a truth the largest may have 1000, twice as many at least; "
+        "take a mesh of at most 69 cells, or build its truth without this limit: palpate reference "
+        "build block.toml"
+    )
+
+
+def test_a_truth_that_ended_at_a_limit_says_so_where_a_verdict_is_inconclusive() -> None:
+    """Its bars decide nothing: why no finer mesh was solved, and what to do."""
+    case, pose = case_of("block"), crushed(0.99)
+    ended = "the next mesh would have 90000 unknowns; the budget is 80000"
+    truth = state_of(case.problem, pose.displacement, label=TRUTH)
+    bars = dict.fromkeys([(m, Strain.GREEN) for m in verdict.whole_metrics(case.problem)], math.inf)
+    record = {ADAPTIVE: {Strain.GREEN.value: {"ended": ended}}}
+    found = ReferenceSet({(TRUTH, Strain.GREEN): truth}, bars, "", provenance=record)
+    (pane,) = verdict.judge_panes(verdict.TRUTH, case, [pose], found)
+    assert pane.verdict == "inconclusive"
+    assert pane.checks[-1] == (
+        f"the truth ended before it could decide: {ended}; take a coarser mesh, or build its truth "
+        "without this limit: palpate reference build block.toml"
+    )
+
+
+def test_where_a_tool_presses_one_is_told_to_press_less_deep() -> None:
+    pressed = ReferenceNotConvergedError(0.83, "a cell would invert", 0.3, is_pressed=True)
+    assert "up to 0.830 of the tool's way" in str(pressed)
+    assert str(pressed).endswith("; press less deep")
+    spent = ReferenceNotConvergedError(0.5, "press less deep, or go on", is_pressed=True)
+    assert str(spent).count("press less deep") == 1
+    assert str(ReferenceNotConvergedError(0.83, "", 0.3)).endswith("; lower the load")
+    live = live_case(case_of("block"), Touch(mass_damping=100.0), (Element.LINEAR,))
+    pane = make_panes(live.problem, Surface(live.problem), (Element.LINEAR,))[-1]
+
+    def blow(*_: object) -> None:
+        raise BlowUpError("a cell inverted", 3, 0.1, 7, (0.0, 0.0, 0.0), 0.1, None, 1e-4, 1e-3)
+
+    pane._step = blow
+    pane.advance(live.metres(live.start), None, 1)
+    assert "press less deep, or more slowly; reset" in pane.trouble
+    assert "lower the load" not in pane.trouble

@@ -358,7 +358,14 @@ class Page {
     socket.binaryType = "arraybuffer";
     socket.onmessage = ({ data }) => { if (typeof data === "string") this.told(JSON.parse(data)); else if (this.stage.box) this.stage.take(data); };
     socket.onclose = ({ code, reason }) => {
-      this.status(code === 4009 ? `refused: ${reason}` : "the simulation has ended");
+      const why = code === 4009 ? `refused: ${reason}` : "the simulation has ended";
+      this.status(why);
+      $("warning").textContent = code === 4009 ? `${reason}: go on there, or close it and reload this page`
+        : "the simulation has ended: start palpate touch again, and open the address that it says";
+      $("warning").hidden = false;
+      this.stage.onPaint = null; // a frame that waits would hide it
+      // Without a body the picture would be black.
+      if (!this.stage.box) this.stage.canvas.style.visibility = "hidden";
       document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; });
     };
   }
