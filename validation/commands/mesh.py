@@ -112,7 +112,6 @@ def mesh(
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.label_images import is_label_image
     from palpate.meshes.problem import Material
-    from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, load_surface
@@ -212,7 +211,6 @@ def mesh(
     )
     with units.in_own_words():
         built = fill_loaded(loaded, spec, units, within, how)
-    quality = measure_quality(built.mesh)
     files = [one.given for one in (loaded, *within.values()) if one.given is not None]
     points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
     mesh = built.mesh
@@ -225,12 +223,12 @@ def mesh(
             raise InputError(f"{surface}: {flat}: --free D may replace facets within D") from error
     write_mesh(output, scaled, groups=True)
     origin = units.in_case_units(built.origin)
+    critical = find_critical_cells(built.mesh, tissue)
     line = (
-        f"{output}: {origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
+        f"{output}: {origin}, smallest dihedral angle {critical.smallest_dihedral_deg:.1f}"
         f" degrees, volume {built.mesh.volume / scale**3:.6g} {unit}3"
     )
     print(for_terminal(line))
-    critical = find_critical_cells(built.mesh, tissue)
     print_lines(_step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
     if target_step is not None:
         print(for_terminal(_verdict_line(critical, target_step, scale, unit)))
