@@ -245,8 +245,8 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13790,
-        "issue 37: critical cells of large meshes in one pass; "
+        13870,
+        "issue 37: critical cells of large meshes in one pass, progress in per cent; "
         "issue 35: small cells near tools; "
         "issue 37: repairs by part, wraps both ways within their time; "
         "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
@@ -272,8 +272,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62800,
-        "issue 37: what large meshes cost beside their mesher; "
+        62900,
+        "issue 37: what large meshes cost beside their mesher, per cent, bounds of distances; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
