@@ -48,8 +48,8 @@ class RemeshReport:
     """Changes of a surface by remeshing.
 
     Attributes:
-        distance: Largest distance of either surface from the other [m], an upper bound, above it by
-            a hundredth at most.
+        distance: Largest distance of either surface from the other [m], an upper bound, about a
+            hundredth above it.
         volume_change: Enclosed volume over the given one, minus 1; not 0 to rounding where the
             distance did not allow to move further.
         splits, collapses, flips, moves: Numbers of these steps.

@@ -273,7 +273,7 @@ LINES = {
     ),
     "tests": (
         62900,
-        "issue 37: what large meshes cost beside their mesher, per cent, bounds of distances; "
+        "issue 37: what large meshes cost beside their mesher, per cent, bounds, thin walls; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
@@ -286,7 +286,8 @@ LINES = {
     ),
     "validation/candidates": (1540, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
-        4210,
+        4220,
+        "issue 37: no slivers where labels meet; "
         "issue 35: a case on small cells near tools; issue 37: coarser labels; "
         "issue 36: [[mass]], measurements, other values of a case; issue 37: label images; "
         "issue 38: the first case marks every guess",

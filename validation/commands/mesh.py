@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # E [Pa], nu, density [kg/m3] where no material is stated: a step then stands for a length over the
 # speed of pressure waves.
-_TISSUE = (1e4, 0.45, 1000.0)
+TISSUE = (1e4, 0.45, 1000.0)
 
 
 class Mesher(StrEnum):
@@ -202,7 +202,7 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
-    tissue = Material(*(material or _TISSUE))
+    tissue = Material(*(material or TISSUE))
     how = Filling(
         progress=progress_lines(),
         time_limit=time_limit,
@@ -229,7 +229,7 @@ def mesh(
         f" degrees, volume {built.mesh.volume / scale**3:.6g} {unit}3"
     )
     print(for_terminal(line))
-    print_lines(_step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
+    print_lines(step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
     if target_step is not None:
         print(for_terminal(_verdict_line(critical, target_step, scale, unit)))
 
@@ -277,7 +277,7 @@ def _choices(
     )
 
 
-def _step_lines(
+def step_lines(
     critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
 ) -> Iterator[str]:
     """Lines on the critical step, and the cells that determine it.
