@@ -64,7 +64,7 @@ def _write_array(file: IO[bytes], name: str, array: NDArray[Any]) -> None:
     width = f' NumberOfComponents="{rows.shape[1]}"' if rows.ndim == 2 else ""
     head = f'<DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">\n'
     file.write(head.encode())
-    numbers = memoryview(rows.reshape(-1).view(np.uint8))
+    numbers = rows.reshape(-1).view(np.uint8).data
     blocks = [
         zlib.compress(numbers[first : first + _BLOCK], _LEVEL)
         for first in range(0, len(numbers), _BLOCK)

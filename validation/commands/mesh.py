@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.options import Force, print_lines, progress_lines
+from palpate.validation.commands.options import (
+    TISSUE,
+    Force,
+    place_of,
+    print_lines,
+    progress_lines,
+    step_lines,
+)
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from palpate.fastsim.critical_cells import CriticalCells
-    from palpate.meshes.arrays import Points
     from palpate.meshes.repair.choices import RepairChoices
-
-# E [Pa], nu, density [kg/m3] where no material is stated: a step then stands for a length over the
-# speed of pressure waves.
-TISSUE = (1e4, 0.45, 1000.0)
 
 
 class Mesher(StrEnum):
@@ -277,49 +277,19 @@ def _choices(
     )
 
 
-def step_lines(
-    critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
-) -> Iterator[str]:
-    """Lines on the critical step, and the cells that determine it.
-
-    Args:
-        critical: Critical cells of the mesh.
-        is_stated: Whether the material is the user's; otherwise steps are lengths over c.
-        scale: Metres per unit of the file.
-        unit: Name of this unit.
-    """
-
-    def shown(step: float) -> str:
-        if is_stated:
-            return f"{step:.4g} s"
-        return f"{step * critical.wave_speed / scale:.4g} {unit} / c"
-
-    which = "" if is_stated else " (c: speed of pressure waves, Poisson's ratio 0.45)"
-    yield f"critical time step {shown(critical.time_step)}{which}, decided by"
-    for cell, step, point in zip(critical.cells, critical.steps, critical.positions, strict=True):
-        yield f"  cell {cell} at {_at(point, scale)}: {shown(step)}"
-    yield (
-        f"  the thinnest facet, at {_at(critical.surface_place, scale)}, allows at most "
-        f"{shown(critical.surface_step)}"
-    )
-
-
 def _verdict_line(critical: CriticalCells, target: float, scale: float, unit: str) -> str:
     """A line on whether the target step was reached [s], and if not, why."""
     if critical.time_step >= target:
         return f"target step {target:g} s reached"
     if critical.surface_step < target:
         why = (
-            f"the facet at {_at(critical.surface_place, scale)} {unit} forces at most "
+            f"the facet at {place_of(critical.surface_place, scale)} {unit} forces at most "
             f"{critical.surface_step:.4g} s on any cell behind it: use --free, or a coarser surface"
         )
     else:
         why = (
             "no facet by itself forbids it, but moved, flipped and inserted inner points came no "
-            f"further near {_at(critical.positions[0], scale)} {unit}: use --free, or longer edges"
+            f"further near {place_of(critical.positions[0], scale)} {unit}: use --free, or longer "
+            "edges"
         )
     return f"target step {target:g} s not reached ({critical.time_step:.4g} s): {why}"
-
-
-def _at(point: Points, scale: float) -> str:
-    return "({:.4g}, {:.4g}, {:.4g})".format(*(float(x) / scale for x in point))

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.options import print_lines, progress_lines
+from palpate.validation.commands.options import TISSUE, print_lines, progress_lines, step_lines
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ def mesh_label_image(
     from palpate.meshes.tet_mesh import TetMesh, signed_volumes
     from palpate.validation.case.label_bodies import mesh_labels
     from palpate.validation.case.units import Units
-    from palpate.validation.commands.mesh import TISSUE, step_lines
     from palpate.validation.exchange.nodal_arrays import facet_areas
     from palpate.validation.output_files import require_outputs
 
