@@ -172,14 +172,14 @@ class RemeshedSurface:
     def points(self) -> Floats: ...
     @property
     def facets(self) -> Ints: ...
-    distance: float
     splits: int
     collapses: int
     flips: int
     moves: int
 
 def remesh_surface(
-    points: Floats, facets: Ints, sizes: SizeGrid, distance: float, passes: int
+    points: Floats, facets: Ints, sizes: SizeGrid, distance: float, passes: int,
+    tell: Callable[[float], None]
 ) -> RemeshedSurface: ...
 
 class WrappedSurface:
@@ -217,7 +217,7 @@ def mesh_surface(
     points: Floats, facets: Ints, lattice: Lattice, edge_length: float, jitter: float,
     clearance: float, seed: int, grows_inwards: bool, sliver_target: float, sliver_passes: int,
     least_altitude: float, least_work: int, work_per_cell: float, sizes: SizeGrid, seconds: float,
-    tell: Callable[[str, int], None]
+    tell: Callable[[str, int, float], None]
 ) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):

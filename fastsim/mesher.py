@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
+from palpate.fastsim.percent import Percent
 from palpate.fastsim.surface_remesher import (
     RemeshReport,
     compact_facets,
@@ -216,7 +217,8 @@ def mesh_surface(
         least_altitude: Cells with a smaller altitude are improved as slivers are [m]; 0 takes what
             the surface's thinnest facet and mean edge suggest.
         time_limit: Seconds after which there is an error and no mesh, > 0; None is no limit.
-        progress: Called with a line for each stage, and how much there is to do.
+        progress: Called with a line for each stage, and how much there is to do; after two seconds
+            also with the part that is done, in per cent.
         report: Called at the end with a report of the mesher.
 
     Returns:
@@ -243,8 +245,11 @@ def mesh_surface(
             raise TimeLimitError(time_limit, stage)
         return left
 
-    def tell(stage: str, amount: int) -> None:
-        if progress is None:
+    percent = Percent(progress)
+
+    def tell(stage: str, amount: int, done: float) -> None:
+        percent(stage, done)
+        if progress is None or amount == 0:
             return
         if stage == "inserting points":
             inner = amount - len(points)
@@ -258,7 +263,11 @@ def mesh_surface(
         if boundary_distance is None:
             raise InputError("a free boundary needs boundary_distance: how far it may move [m]")
         surface, remesh = remesh_surface(
-            surface, distance=boundary_distance, edge_length=edge_length, size_field=size_field
+            surface,
+            distance=boundary_distance,
+            edge_length=edge_length,
+            size_field=size_field,
+            progress=progress,
         )
     require_closed(surface)
     used, facets = compact_facets(surface)

@@ -8,13 +8,17 @@ are preserved, and so is the enclosed volume, as far as the distance allows (`ke
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
+from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
+from palpate.fastsim.percent import Percent
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.shapes import require_positive
@@ -27,6 +31,8 @@ from palpate.meshes.triangles import facet_normals, side_lengths
 _PARTS = (1.0, 0.5, 0.25, 0.125)
 _PASSES = 8
 _MOST_PAIRS = 10
+# Accuracy of distances beside a hundredth of themselves, over the distance that is allowed.
+_ACCURACY = 1e-3
 
 
 class RemeshError(MeshError):
@@ -42,8 +48,8 @@ class RemeshReport:
     """Changes of a surface by remeshing.
 
     Attributes:
-        distance: Largest distance of either surface from the other, measured at points, middles
-            of edges and centres of facets [m].
+        distance: Largest distance of either surface from the other [m], an upper bound, about a
+            hundredth above it.
         volume_change: Enclosed volume over the given one, minus 1; not 0 to rounding where the
             distance did not allow to move further.
         splits, collapses, flips, moves: Numbers of these steps.
@@ -62,7 +68,7 @@ class RemeshReport:
     def line(self) -> str:
         """Report in one line."""
         return (
-            f"boundary re-triangulated within {self.distance:.3g} m (volume "
+            f"boundary re-triangulated within {round_up(self.distance):.3g} m (volume "
             f"{100 * self.volume_change:+.2g} %, smallest facet angle "
             f"{self.smallest_angle_before:.0f} to {self.smallest_angle_after:.0f} degrees)"
         )
@@ -74,6 +80,7 @@ def remesh_surface(
     distance: float,
     edge_length: float | None = None,
     size_field: SizeField | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[TriSurface, RemeshReport]:
     """Give a closed surface better triangles.
 
@@ -83,6 +90,7 @@ def remesh_surface(
         edge_length: Wanted edge length [m]; None takes the surface's mean. Details that need
             shorter edges to stay within the distance keep them. With a size field, the largest.
         size_field: Shorter edges here and there; see `grading.size_fields`.
+        progress: Called with the part that is done, in per cent, after two seconds.
 
     Returns:
         The new surface, closed and without self-intersection, and what was done.
@@ -102,15 +110,16 @@ def remesh_surface(
     local = None if size_field is None else lambda positions: size_field(positions + origin)
     sizes = grid_of_sizes(points, size, local)
     best: float | None = None
-    for part in _PARTS:
-        made = _core.remesh_surface(points, facets, sizes, part * distance, _PASSES)
-        best = made.distance if best is None else min(best, made.distance)
+    percent = Percent(progress)
+    for count, part in enumerate(_PARTS, start=1):
+        tell = partial(percent, f"better facets on the boundary, try {count}")
+        made = _core.remesh_surface(points, facets, sizes, part * distance, _PASSES, tell)
         moved, new_facets = made.points, made.facets
-        if made.distance > distance or len(_core.find_self_intersections(moved, new_facets, 1)):
+        apart = two_way_distance(moved, new_facets, (points, facets), _ACCURACY * distance)
+        best = apart if best is None else min(best, apart)
+        if apart > distance or len(_core.find_self_intersections(moved, new_facets, 1)):
             continue
-        kept = keep_volume(
-            moved, new_facets, (points, facets), distance=distance, reached=made.distance
-        )
+        kept = keep_volume(moved, new_facets, (points, facets), distance=distance, reached=apart)
         moved = kept.points
         new = TriSurface(moved + origin, new_facets)
         require_closed(new)
@@ -194,13 +203,13 @@ def keep_volume(
         for _ in range(_TRIES):
             factor = _factor(kept.points, facets, moves, wanted)
             moved = np.ascontiguousarray(kept.points + factor * moves)
-            apart = two_way_distance(moved, facets, given, searched)
+            apart = two_way_distance(moved, facets, given, _ACCURACY * distance)
             if apart <= distance and not len(_core.find_self_intersections(moved, facets, 1)):
                 part = 1.0 - (wanted - _volume(moved, facets)) / missing
                 if part > kept.part:
                     kept = ConservedVolume(moved, apart, min(part, 1.0))
                 break
-            far = facet_distances(moved, facets, searched) > distance
+            far = _farthest(searched, moved, facets, distance, _ACCURACY * distance) > distance
             moves[np.unique(facets[far]) if far.any() else slice(None)] *= 0.5
         if abs(wanted - _volume(kept.points, facets)) <= _CLOSE * abs(wanted):
             return ConservedVolume(kept.points, kept.distance, 1.0)
@@ -256,32 +265,34 @@ def _factor(points: Points, facets: Indices, moves: Points, wanted: float) -> fl
 
 
 def two_way_distance(
-    points: Points,
-    facets: Indices,
-    given: tuple[Points, Indices],
-    searched: _core.SurfaceDistance,
+    points: Points, facets: Indices, given: tuple[Points, Indices], accuracy: float
 ) -> float:
-    """Largest distance of either surface from the other, by `facet_distances` [m]."""
-    made = _core.SurfaceDistance(np.ascontiguousarray(points), facets)
-    there = facet_distances(points, facets, searched).max(initial=0.0)
-    return float(max(there, facet_distances(*given, made).max(initial=0.0)))
+    """Largest distance of either surface from the other [m], an upper bound.
 
-
-def facet_distances(points: Points, facets: Indices, other: _core.SurfaceDistance) -> Floats:
-    """Distance of facets from another surface [m], shape (num_facets,).
-
-    The largest over the corners, the middles of the sides and the centre of each.
+    Above it by at most `accuracy` [m] and a hundredth.
     """
-    used, number = np.unique(facets, return_inverse=True)
-    corners = points[facets]
-    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
-    positions = np.vstack([points[used], middles.reshape(-1, 3), corners.mean(axis=1)])
-    apart = other.distances(np.ascontiguousarray(positions))
-    at_points, at_middles, at_centres = np.split(apart, [len(used), len(used) + 3 * len(facets)])
-    found: Floats = np.column_stack(
-        [at_points[number].reshape(-1, 3), at_middles.reshape(-1, 3), at_centres]
-    ).max(axis=1)
-    return found
+    made = np.ascontiguousarray(points), facets
+    found = []
+    for one, other in ((made, given), (given, made)):
+        tree = _core.SurfaceDistance(*other)
+        corners = one[0][one[1]]
+        middles = (corners + corners[:, [1, 2, 0]]).reshape(-1, 3) / 2.0
+        samples = np.vstack([corners.reshape(-1, 3), middles, corners.mean(axis=1)])
+        seen = float(tree.distances(samples).max(initial=0.0))
+        level = 1.01 * seen + accuracy
+        found.append(float(_farthest(tree, *one, level, accuracy).max(initial=0.0)))
+    return max(found)
+
+
+def _farthest(
+    other: _core.SurfaceDistance, points: Points, facets: Indices, level: float, accuracy: float
+) -> Floats:
+    """Upper bounds of each facet's distance from another surface [m]; accurate above a level."""
+    far = other.farthest(points, facets, max(0.3 * level, accuracy))
+    above = far > level
+    if above.any():
+        far[above] = other.farthest(points, np.ascontiguousarray(facets[above]), accuracy)
+    return far
 
 
 def _volume(points: Points, facets: Indices) -> float:

@@ -42,6 +42,7 @@ from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
+from palpate.meshes.vtu_writer import write_vtu
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
 # Read with VTK's help, and not written.
@@ -156,9 +157,12 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
     if given is None or scale == 1.0 or not len(given):
         return own
     both = np.vstack([_scaled(given, scale), points]) + 0.0
-    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    # Of equal points the first is the file's, where it has one.
-    source = first[inverse.reshape(-1)[len(given) :]]
+    # Stable: of equal points the first is the file's, where it has one.
+    order = np.lexsort(both.T)
+    is_new = np.append(True, np.any(both[order[1:]] != both[order[:-1]], axis=1))
+    source = np.empty(len(both), dtype=np.int64)
+    source[order] = order[is_new][np.cumsum(is_new) - 1]
+    source = source[len(given) :]
     is_given = source < len(given)
     own[is_given] = given[source[is_given]]
     return own
@@ -411,7 +415,9 @@ def _write(path: str | Path, suffix: str, mesh: Any) -> None:
             # Only version 2.2 has physical groups without entities of a geometry.
             version = "2.2" if mesh.field_data else "4.1"
             meshio.gmsh.write(temporary, mesh, version, binary=True)
-        elif suffix in (".vtu", ".vtk", ".ply", ".stl"):
+        elif suffix == ".vtu":
+            write_vtu(temporary, mesh)
+        elif suffix in (".vtk", ".ply", ".stl"):
             meshio.write(temporary, mesh, binary=True)
         else:
             # OBJ and OFF are text; the default formats drop digits.

@@ -125,16 +125,16 @@ void bind_mesher(nb::module_ &module) {
            double clearance, std::uint64_t seed, bool grows_inwards, double sliver_target,
            int sliver_passes, double least_altitude, std::size_t least_work, double work_per_cell,
            const SizeGrid &sizes, double seconds,
-           const std::function<void(std::string, std::size_t)> &tell) {
+           const std::function<void(std::string, std::size_t, double)> &tell) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
-            Watch watch(seconds, [&](const std::string &stage, std::size_t amount) {
+            Watch watch(seconds, [&](const std::string &stage, std::size_t amount, double done) {
                 const nb::gil_scoped_acquire acquire;
                 // Python's own wish to stop, by Ctrl-C.
                 if (PyErr_CheckSignals() != 0)
                     throw nb::python_error();
-                if (amount > 0)
-                    tell(stage, amount);
+                if (amount > 0 || done > 0.0)
+                    tell(stage, amount, done);
             });
             nb::gil_scoped_release release;
             return mesh_surface(point_rows, facet_rows,

@@ -87,7 +87,6 @@ void bind_surface(nb::module_ &module) {
         .def_prop_ro(
             "facets", [](const RemeshedSurface &made) { return as_table(made.facets); },
             nb::rv_policy::move)
-        .def_ro("distance", &RemeshedSurface::distance)
         .def_ro("splits", &RemeshedSurface::splits)
         .def_ro("collapses", &RemeshedSurface::collapses)
         .def_ro("flips", &RemeshedSurface::flips)
@@ -95,14 +94,21 @@ void bind_surface(nb::module_ &module) {
 
     module.def(
         "remesh_surface",
-        [](Points points, Facets facets, const SizeGrid &sizes, double distance, int passes) {
+        [](Points points, Facets facets, const SizeGrid &sizes, double distance, int passes,
+           const std::function<void(double)> &tell) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
+            const auto watch = [&](double done) {
+                const nb::gil_scoped_acquire acquire;
+                if (PyErr_CheckSignals() != 0)
+                    throw nb::python_error();
+                tell(done);
+            };
             nb::gil_scoped_release release;
-            return remesh_surface(point_rows, facet_rows, {sizes, distance, passes});
+            return remesh_surface(point_rows, facet_rows, {sizes, distance, passes}, watch);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("sizes"),
-        nb::arg("distance"), nb::arg("passes"));
+        nb::arg("distance"), nb::arg("passes"), nb::arg("tell"));
 
     nb::class_<WrappedSurface>(module, "WrappedSurface")
         .def_prop_ro(

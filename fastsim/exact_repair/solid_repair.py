@@ -29,6 +29,7 @@ from palpate.fastsim.exact_repair.patch_repairs import (
     pulled_apart,
     smoothed,
 )
+from palpate.fastsim.percent import Percent
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.choices import LIMIT, RepairChoices
 from palpate.meshes.repair.patches import grow
@@ -51,8 +52,14 @@ class RepairedSolid:
     changes: list[PartChange] = field(default_factory=list)
 
 
-def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -> RepairedSolid:
+def repair_to_solid(
+    surface: TriSurface,
+    choices: RepairChoices | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> RepairedSolid:
     """Make a surface [m] bound a solid without crossings, within what was chosen.
+
+    `progress` is called with the part that is done, in per cent, after two seconds.
 
     Raises:
         ChangedPartError: A part would be lost, fused, or changed by more than was chosen.
@@ -66,7 +73,7 @@ def repair_to_solid(surface: TriSurface, choices: RepairChoices | None = None) -
         fits=is_clean,
     )
     _require_solid(repaired, report)
-    solid, done, number = untangle(repaired)
+    solid, done, number = untangle(repaired, Percent(progress))
     lines = report.lines()
     if done.num_pairs:
         lines.append(done.line())
@@ -166,7 +173,9 @@ class UntangleReport:
         )
 
 
-def untangle(surface: TriSurface) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
+def untangle(
+    surface: TriSurface, percent: Percent | None = None
+) -> tuple[TriSurface, UntangleReport, NDArray[np.int64]]:
     """Repair a closed, consistently oriented surface where it cuts itself.
 
     Returns a surface without crossings, what was done, and of each facet its number before, or -1
@@ -189,10 +198,14 @@ def untangle(surface: TriSurface) -> tuple[TriSurface, UntangleReport, NDArray[n
 
     if len(pairs) >= MOST_PAIRS:
         raise give_up(np.unique(pairs), f"{len(pairs)} pairs of facets or more")
-    for _ in range(_MOST_ROUNDS):
+    for count in range(1, _MOST_ROUNDS + 1):
         if not len(pairs):
             break
-        for guilty in [number[rows] for rows in _clusters(facets, pairs)]:
+        places = [number[rows] for rows in _clusters(facets, pairs)]
+        for place, guilty in enumerate(places):
+            if percent is not None:
+                stage = f"repairing {len(places)} place(s) where facets cross, round {count}"
+                percent(stage, place / len(places))
             rows = np.flatnonzero(np.isin(number, guilty))
             # A patch beside it may have replaced or repaired these facets meanwhile.
             if len(rows) < len(guilty) or not len(crossings_of(points, facets, rows)):

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from palpate.fastsim import _core
 from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import grid_of_sizes
 from palpate.fastsim.mesher import TimeLimitError
+from palpate.fastsim.percent import Percent
+from palpate.fastsim.surface_remesher import two_way_distance
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.repair.patches import loose_facets
@@ -108,7 +111,7 @@ def wrap_surface(
         distance: How far the new surface may be from the given one, > 0 [m]; details smaller than
             it may be lost. Over holes it is further away, which is reported.
         time_limit: Seconds after which there is an error, > 0; None is no limit.
-        progress: Called with a line now and then.
+        progress: Called with the part that is done, in per cent, after two seconds.
 
     Returns:
         The new surface, closed, outward and without crossings, and how near it is.
@@ -134,10 +137,12 @@ def wrap_surface(
     origin = surface.points[used].mean(axis=0)
     points = np.ascontiguousarray(surface.points[used] - origin)
     spacing = _SPACING * distance
-    _refuse_too_many_cubes(points, facets, distance)
     watch = _Watch(time_limit, progress)
+    cubes = _count_cubes(points, facets, distance)
+    watch.num_cubes = cubes / _COARSER**2
     # A coarse one says which way the facets face; where both are thinner than that, the fine one.
     coarse = [_grid(points, way, _COARSER * spacing, watch) for way in (facets, facets[:, ::-1])]
+    watch.stage, watch.num_cubes = "wrapping the surface", cubes
     is_inward = coarse[1].volume > coarse[0].volume
     way = facets[:, ::-1] if is_inward else facets
     grid = _grid(points, way, spacing, watch)
@@ -151,7 +156,7 @@ def wrap_surface(
             distance,
         )
     watch.require_time("making better facets of the wrap")
-    new = _better(grid, _MOVES * distance, _EDGE * spacing)
+    new = _better(grid, _MOVES * distance, _EDGE * spacing, watch.percent)
     watch.require_time("measuring the wrap")
     report = _measure(points, facets, new, distance, is_inward=is_inward)
     moved = TriSurface(new.points + origin, new.facets)
@@ -171,13 +176,17 @@ def wrap_surface(
 
 
 class _Watch:
-    """Calls `progress` each second or so; raises TimeLimitError when the time is up."""
+    """Says how far a wrap is; raises TimeLimitError when the time is up."""
+
+    # The stage at hand, and about how many cubes it takes.
+    stage = "looking which way the facets face"
+    num_cubes = 1.0
 
     def __init__(self, time_limit: float | None, progress: Callable[[str], None] | None) -> None:
         if time_limit is not None:
             require_positive(time_limit=time_limit)
-        self._time_limit, self._progress = time_limit, progress
-        self._began = self._last = time.monotonic()
+        self._time_limit, self.percent = time_limit, Percent(progress)
+        self._began = time.monotonic()
 
     def require_time(self, stage: str) -> None:
         if self._time_limit is not None and time.monotonic() - self._began > self._time_limit:
@@ -185,10 +194,7 @@ class _Watch:
 
     def __call__(self, cubes: int) -> None:
         self.require_time("wrapping the surface")
-        now = time.monotonic()
-        if self._progress is not None and now - self._last > 1.0:
-            self._last = now
-            self._progress(f"wrapping the surface: {cubes} cubes of at most {_MOST_CUBES}")
+        self.percent(self.stage, cubes / self.num_cubes)
 
 
 def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> TriSurface:
@@ -211,7 +217,8 @@ def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> Tri
     return TriSurface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)) if is_short else grid
 
 
-def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> None:
+def _count_cubes(points: Points, facets: Indices, distance: float) -> float:
+    """About how many cubes a wrap takes; refuses too many."""
     projected = 0.5 * float(np.abs(facet_normals(points[facets])).sum())
     sides = projected / (_SPACING * distance) / (_SPACING * distance)
     cubes = _CUBES_PER_SIDE * sides
@@ -222,17 +229,21 @@ def _refuse_too_many_cubes(points: Points, facets: Indices, distance: float) -> 
             f"{_MOST_CUBES}; {enough:.3g} m would do",
             distance,
         )
+    return cubes
 
 
-def _better(surface: TriSurface, moves: float, edge: float) -> TriSurface:
+def _better(surface: TriSurface, moves: float, edge: float, percent: Percent) -> TriSurface:
     """Better triangles within a small distance; the grid's own where there are none."""
     require_closed(surface)
     sizes = grid_of_sizes(surface.points, edge, None)
     # Each step is bounded more tightly: what the grid has cut off at edges counts both ways.
-    for part in (0.5, 0.25):
-        made = _core.remesh_surface(surface.points, surface.facets, sizes, part * moves, _PASSES)
+    given = surface.points, surface.facets
+    for count, part in enumerate((0.5, 0.25), start=1):
+        tell = partial(percent, f"making better facets of the wrap, try {count}")
+        made = _core.remesh_surface(*given, sizes, part * moves, _PASSES, tell)
         crossings = _core.find_self_intersections(made.points, made.facets, 1)
-        if made.distance <= moves and not len(crossings):
+        apart = two_way_distance(made.points, made.facets, given, 1e-3 * moves)
+        if apart <= moves and not len(crossings):
             new = TriSurface(made.points, made.facets)
             require_closed(new)
             return new

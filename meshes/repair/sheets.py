@@ -29,6 +29,8 @@ THIN = 0.5
 _LONGEST_RIM = 200
 # A closed shell has four facets at least.
 _FEWEST_FACETS = 4
+# A copy lies within this of what it copies, over its mean edge; so many parts are looked at.
+_COPY, _MOST_COPIES = 0.05, 100
 
 
 def fins_of(points: Points, facets: Indices, is_wall: Mask) -> Mask:
@@ -67,6 +69,33 @@ def fins_of(points: Points, facets: Indices, is_wall: Mask) -> Mask:
     if (sizes >= _FEWEST_FACETS).any():
         is_fin[rows[sizes[part] < _FEWEST_FACETS]] = True
     return is_fin
+
+
+def copied_sheets(points: Points, facets: Indices) -> Mask:
+    """Facets of open parts that copy facets of another part, corner by corner, a little beside.
+
+    Corners lie within `_COPY` of the part's mean edge of those that they copy.
+    """
+    from scipy.spatial import cKDTree
+
+    is_copy = np.zeros(len(facets), dtype=bool)
+    uses = edge_uses(facets)
+    part = facet_parts(facets, uses)
+    sizes = np.bincount(part)
+    is_open = np.bincount(part[uses.owner], uses.crowd == 1) > 0
+    open_parts = np.flatnonzero(is_open & (sizes < sizes.max(initial=0)))
+    for one in open_parts[np.argsort(sizes[open_parts])][:_MOST_COPIES]:
+        rows = part == one
+        others = facets[~rows & ~is_copy]
+        own, near = np.unique(facets[rows]), np.unique(others)
+        reach = _COPY * float(side_lengths(points[facets[rows]]).mean())
+        apart, found = cKDTree(points[near]).query(points[own], distance_upper_bound=reach)
+        if not np.isfinite(apart).all():
+            continue
+        copied = np.sort(near[found][np.searchsorted(own, facets[rows])], axis=1)
+        known = set(map(tuple, np.sort(others, axis=1).tolist()))
+        is_copy[rows] = all(tuple(row) in known for row in copied.tolist())
+    return is_copy
 
 
 def is_thin(points: Points, patch: Indices) -> bool:

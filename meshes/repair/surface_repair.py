@@ -18,7 +18,7 @@ from palpate.meshes.repair.patches import (
     part_sizes,
 )
 from palpate.meshes.repair.seams import cut_at_hanging_points, flip_flat_facets, rim_pairs
-from palpate.meshes.repair.sheets import double_walls, fins_of, split_touching
+from palpate.meshes.repair.sheets import copied_sheets, double_walls, fins_of, split_touching
 from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.surface_checks import NEAR, find_near_duplicates
 from palpate.meshes.tri_surface import (
@@ -42,7 +42,7 @@ class RepairReport:
         cut_edges: Open edges cut at points of other open edges that lie on them.
         dropped_facets: Facets, by their number before, that merging made flat, or copies.
         fin_facets: Facets, by their number before, of fins, of walls between bodies that
-            touch, and of parts too small to close.
+            touch, of open sheets that copy another, and of parts too small to close.
         loose_facets: Facets, by their number before, of parts dropped by choice.
         flipped_edges: Edges across facets without area, flipped.
         split_points: Points at which sheets touched, each now a point of its own for each sheet.
@@ -153,6 +153,7 @@ def repair_surface(
     kept, is_wall = kept[cut], is_wall[cut]
     report.merged, report.merged_sources = TriSurface(points, facets), kept
     is_double = double_walls(points, facets)
+    is_double |= copied_sheets(points, facets)
     report.fin_facets = kept[is_double].tolist()
     facets, kept, is_wall = facets[~is_double], kept[~is_double], is_wall[~is_double]
     is_fin = fins_of(points, facets, is_wall)

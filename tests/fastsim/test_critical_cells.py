@@ -18,6 +18,7 @@ from palpate.fastsim.mesher import Interior, MeshingReport, TimeLimitError, mesh
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Material
+from palpate.meshes.quality import measure_quality
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -50,6 +51,20 @@ def test_the_first_cell_decides_and_no_cell_beats_its_facet() -> None:
     assert seen == len(altitudes)
     assert found.surface_step == pytest.approx(altitudes.min() / wave_speed(TISSUE))
     assert altitudes[found.surface_facet] == altitudes.min()
+
+
+@pytest.mark.parametrize("ratio", [-0.5, 0.0, 0.3, 0.45, 0.499])
+def test_bounds_find_the_worst_of_many_blocks_of_cells(ratio: float) -> None:
+    # 12 000 cells in six blocks, with dents: the worst ones lie anywhere.
+    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.006), improve=False)
+    assert mesh.num_cells > 3 * 2048
+    material = Material(1e4, ratio, 1000.0)
+    steps = Body(mesh, material).cell_time_steps()
+    found = find_critical_cells(mesh, material)
+    assert found.cells.tolist() == np.argsort(steps, kind="stable")[:10].tolist()
+    assert np.array_equal(found.steps, steps[found.cells])
+    angle = measure_quality(mesh).smallest_dihedral_deg
+    assert found.smallest_dihedral_deg == pytest.approx(angle, rel=1e-9)
 
 
 def test_wave_speed_and_altitude_by_hand() -> None:

@@ -112,7 +112,8 @@ def load_surface(
 
     Bodies that face inwards are turned round, and that is said, without being asked: nothing moves.
     `scale` is metres per unit of the file; `wrap` how far a new surface around it may lie [m], of
-    what a repair left where both are asked for. `time_limit` and `progress` are for the wrap.
+    what a repair left where both are asked for. `time_limit` is for the wrap; `progress` is called
+    with lines on what takes more than two seconds.
 
     Raises:
         InputError: It cannot be read, or bounds no solid.
@@ -127,7 +128,7 @@ def load_surface(
             if repair is not None:
                 notes = [n for n in notes if "without a facet" in n]
                 try:
-                    repaired = repair_to_solid(surface, repair)
+                    repaired = repair_to_solid(surface, repair, progress)
                 except SurfaceError as error:
                     if wrap is None:
                         raise

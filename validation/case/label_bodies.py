@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.fastsim.critical_cells import facet_altitudes
 from palpate.fastsim.mesher import (
     BoundaryRecoveryError,
     FlatCellError,
@@ -23,11 +24,15 @@ from palpate.meshes.label_images import LabelImage, choose_labels, coarsen
 from palpate.meshes.label_surfaces import LabelSurfaces, make_surfaces, separate_touching
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
+from palpate.meshes.triangles import side_lengths
 
 # Largest change of a label's volume, asked for by those who measure organs.
 MOST_CHANGE = 0.01
 # With ever less smoothing where walls would cut each other.
 _ATTEMPTS = 5
+# Facets with a smaller altitude, of the mean edge, are points that have slid onto each other where
+# labels meet: they would decide the time step of the whole mesh.
+_THIN = 0.04
 _METRES = 1e-3
 
 
@@ -123,7 +128,9 @@ def mesh_labels(
                 raise InputError(f"wall {name}: touches none of the labels that are meshed")
         return TetMesh(mesh.points, mesh.cells, groups, cell_groups=mesh.cell_groups)
 
-    def attempt(surfaces: LabelSurfaces, part: NDArray[np.float64]) -> TetMesh | None:
+    def attempt(
+        surfaces: LabelSurfaces, part: NDArray[np.float64], thinnest: float = 0.0
+    ) -> TetMesh | None:
         """Mesh with a part of the smoothing; None where there is none, and the part is less."""
         placed = surfaces.smoothed(part)
         points = np.ascontiguousarray(placed * _METRES)
@@ -132,6 +139,13 @@ def mesh_labels(
         except SelfIntersectionError as error:
             where = np.unique(surfaces.facets[np.unique(error.pairs)])
             progress(f"less smoothing of {len(where)} point(s), where walls would cut each other")
+            part[where] *= 0.5
+            return None
+        corners = placed[surfaces.facets]
+        thin = facet_altitudes(corners) < thinnest * side_lengths(corners).mean()
+        if thin.any():
+            where = np.unique(surfaces.facets[thin])
+            progress(f"less smoothing of {len(where)} point(s), where facets would be too thin")
             part[where] *= 0.5
             return None
         for label, name in names.items():
@@ -148,8 +162,9 @@ def mesh_labels(
     for of in (None,) if fine is None else (fine, None):
         surfaces = make_surfaces(clean, of, volumes=None if fine is None else volumes)
         part = np.ones(len(surfaces.corners))
-        for _ in range(_ATTEMPTS):
-            mesh = attempt(surfaces, part)
+        for left in reversed(range(_ATTEMPTS)):
+            # Coarser walls are better than thin facets, and these better than no smoothing.
+            mesh = attempt(surfaces, part, _THIN if left or of is not None else 0.0)
             if mesh is not None:
                 return mesh
     mesh = attempt(surfaces, 0.0 * part)  # the voxels' faces, which never cut each other

@@ -247,7 +247,9 @@ def _fill(
             )
             line = reports[0].remesh.line() if reports[0].remesh else ""
             return BuiltMesh(mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {line}")
-        surface, report = remesh_surface(surface, distance=distance, edge_length=size)
+        surface, report = remesh_surface(
+            surface, distance=distance, edge_length=size, progress=how.progress
+        )
         done.append(report.line())
         # That was the surface's length; a graded interior grows from there.
         size = None if spec.interior == "graded" else size

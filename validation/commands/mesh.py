@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.options import Force, print_lines, progress_lines
+from palpate.validation.commands.options import (
+    TISSUE,
+    Force,
+    place_of,
+    print_lines,
+    progress_lines,
+    step_lines,
+)
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from palpate.fastsim.critical_cells import CriticalCells
-    from palpate.meshes.arrays import Points
     from palpate.meshes.repair.choices import RepairChoices
-
-# E [Pa], nu, density [kg/m3] where no material is stated: a step then stands for a length over the
-# speed of pressure waves.
-_TISSUE = (1e4, 0.45, 1000.0)
 
 
 class Mesher(StrEnum):
@@ -112,7 +112,6 @@ def mesh(
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.label_images import is_label_image
     from palpate.meshes.problem import Material
-    from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, load_surface
@@ -203,7 +202,7 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
-    tissue = Material(*(material or _TISSUE))
+    tissue = Material(*(material or TISSUE))
     how = Filling(
         progress=progress_lines(),
         time_limit=time_limit,
@@ -212,7 +211,6 @@ def mesh(
     )
     with units.in_own_words():
         built = fill_loaded(loaded, spec, units, within, how)
-    quality = measure_quality(built.mesh)
     files = [one.given for one in (loaded, *within.values()) if one.given is not None]
     points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
     mesh = built.mesh
@@ -225,13 +223,13 @@ def mesh(
             raise InputError(f"{surface}: {flat}: --free D may replace facets within D") from error
     write_mesh(output, scaled, groups=True)
     origin = units.in_case_units(built.origin)
+    critical = find_critical_cells(built.mesh, tissue)
     line = (
-        f"{output}: {origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
+        f"{output}: {origin}, smallest dihedral angle {critical.smallest_dihedral_deg:.1f}"
         f" degrees, volume {built.mesh.volume / scale**3:.6g} {unit}3"
     )
     print(for_terminal(line))
-    critical = find_critical_cells(built.mesh, tissue)
-    print_lines(_step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
+    print_lines(step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
     if target_step is not None:
         print(for_terminal(_verdict_line(critical, target_step, scale, unit)))
 
@@ -279,49 +277,19 @@ def _choices(
     )
 
 
-def _step_lines(
-    critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
-) -> Iterator[str]:
-    """Lines on the critical step, and the cells that determine it.
-
-    Args:
-        critical: Critical cells of the mesh.
-        is_stated: Whether the material is the user's; otherwise steps are lengths over c.
-        scale: Metres per unit of the file.
-        unit: Name of this unit.
-    """
-
-    def shown(step: float) -> str:
-        if is_stated:
-            return f"{step:.4g} s"
-        return f"{step * critical.wave_speed / scale:.4g} {unit} / c"
-
-    which = "" if is_stated else " (c: speed of pressure waves, Poisson's ratio 0.45)"
-    yield f"critical time step {shown(critical.time_step)}{which}, decided by"
-    for cell, step, point in zip(critical.cells, critical.steps, critical.positions, strict=True):
-        yield f"  cell {cell} at {_at(point, scale)}: {shown(step)}"
-    yield (
-        f"  the thinnest facet, at {_at(critical.surface_place, scale)}, allows at most "
-        f"{shown(critical.surface_step)}"
-    )
-
-
 def _verdict_line(critical: CriticalCells, target: float, scale: float, unit: str) -> str:
     """A line on whether the target step was reached [s], and if not, why."""
     if critical.time_step >= target:
         return f"target step {target:g} s reached"
     if critical.surface_step < target:
         why = (
-            f"the facet at {_at(critical.surface_place, scale)} {unit} forces at most "
+            f"the facet at {place_of(critical.surface_place, scale)} {unit} forces at most "
             f"{critical.surface_step:.4g} s on any cell behind it: use --free, or a coarser surface"
         )
     else:
         why = (
             "no facet by itself forbids it, but moved, flipped and inserted inner points came no "
-            f"further near {_at(critical.positions[0], scale)} {unit}: use --free, or longer edges"
+            f"further near {place_of(critical.positions[0], scale)} {unit}: use --free, or longer "
+            "edges"
         )
     return f"target step {target:g} s not reached ({critical.time_step:.4g} s): {why}"
-
-
-def _at(point: Points, scale: float) -> str:
-    return "({:.4g}, {:.4g}, {:.4g})".format(*(float(x) / scale for x in point))

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.options import progress_lines
+from palpate.validation.commands.options import TISSUE, print_lines, progress_lines, step_lines
 from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def mesh_label_image(
     force: bool,
 ) -> None:
     """Mesh labels of an image, in mm, and print their volumes."""
+    from palpate.fastsim.critical_cells import find_critical_cells
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.meshes.label_images import (
         PHANTOM,
@@ -35,7 +36,7 @@ def mesh_label_image(
         make_phantom,
         read_labels,
     )
-    from palpate.meshes.quality import measure_quality
+    from palpate.meshes.problem import Material
     from palpate.meshes.tet_mesh import TetMesh, signed_volumes
     from palpate.validation.case.label_bodies import mesh_labels
     from palpate.validation.case.units import Units
@@ -79,11 +80,11 @@ def mesh_label_image(
     )
     scaled = TetMesh(mesh.points * 1e3, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups)
     write_mesh(output, scaled, groups=True)
-    quality = measure_quality(mesh)
+    critical = find_critical_cells(mesh, Material(*TISSUE))
     print(
         for_terminal(
             f"{output}: {mesh.num_cells} cells, smallest dihedral angle "
-            f"{quality.smallest_dihedral_deg:.1f} degrees, volume {mesh.volume * 1e9:.6g} mm3"
+            f"{critical.smallest_dihedral_deg:.1f} degrees, volume {mesh.volume * 1e9:.6g} mm3"
         )
     )
     for name, rows in mesh.cell_groups.items():
@@ -92,6 +93,7 @@ def mesh_label_image(
     for name, facets in mesh.facet_groups.items():
         area = float(facet_areas(mesh.points, facets).sum()) * 1e6
         print(for_terminal(f"  {name}: {len(facets)} facets, area {area:.6g} mm2"))
+    print_lines(step_lines(critical, is_stated=False, scale=1e-3, unit="mm"))
 
 
 def parse_labels(given: list[str], option: str = "--label") -> dict[int, str]:

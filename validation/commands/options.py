@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -22,6 +22,14 @@ from palpate.validation.quoting import for_json, for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements, Precision, Progress
 from palpate.validation.versions import version_of
+
+if TYPE_CHECKING:
+    from palpate.fastsim.critical_cells import CriticalCells
+    from palpate.meshes.arrays import Points
+
+# E [Pa], nu, density [kg/m3] where no material is stated: a step then stands for a length over the
+# speed of pressure waves.
+TISSUE = (1e4, 0.45, 1000.0)
 
 
 def is_condensed(simulator: Simulator) -> bool:
@@ -154,6 +162,38 @@ def print_lines(lines: Iterable[str], prefix: str = "") -> None:
     """Print texts of others on standard output, each on a line."""
     for line in lines:
         print(for_terminal(f"{prefix}{line}"))
+
+
+def step_lines(
+    critical: CriticalCells, *, is_stated: bool, scale: float, unit: str
+) -> Iterator[str]:
+    """Lines on the critical step, and the cells that determine it.
+
+    Args:
+        critical: Critical cells of the mesh.
+        is_stated: Whether the material is the user's; otherwise steps are lengths over c.
+        scale: Metres per unit of the file.
+        unit: Name of this unit.
+    """
+
+    def shown(step: float) -> str:
+        if is_stated:
+            return f"{step:.4g} s"
+        return f"{step * critical.wave_speed / scale:.4g} {unit} / c"
+
+    which = "" if is_stated else " (c: speed of pressure waves, Poisson's ratio 0.45)"
+    yield f"critical time step {shown(critical.time_step)}{which}, decided by"
+    for cell, step, point in zip(critical.cells, critical.steps, critical.positions, strict=True):
+        yield f"  cell {cell} at {place_of(point, scale)}: {shown(step)}"
+    yield (
+        f"  the thinnest facet, at {place_of(critical.surface_place, scale)}, allows at most "
+        f"{shown(critical.surface_step)}"
+    )
+
+
+def place_of(point: Points, scale: float) -> str:
+    """A position in units of `scale` [m]."""
+    return "({:.4g}, {:.4g}, {:.4g})".format(*(float(x) / scale for x in point))
 
 
 def write_json(path: Path | None, document: dict[str, Any]) -> None:

@@ -172,7 +172,7 @@ DelaunayCells Triangulation::build(Watch &watch, bool with_neighbours) {
             continue;
         }
         if (p % points_between_looks == 0)
-            watch.look();
+            watch.reach(static_cast<double>(p) / static_cast<double>(_vertices.size()));
         const Point here = place(p);
         const Index c = locate(here);
         const Corners &v = _corners[at(c)];

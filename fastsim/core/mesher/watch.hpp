@@ -17,8 +17,9 @@ struct TimeUp {
 class Watch {
   public:
     /// Called with the name of a stage and the number of things to do in it as it begins, and
-    /// several times a second with 0; may throw to end the work.
-    using Tell = std::function<void(const std::string &stage, std::size_t amount)>;
+    /// several times a second with 0 and the part of it that is done, 0 to 1; may throw to end the
+    /// work.
+    using Tell = std::function<void(const std::string &stage, std::size_t amount, double done)>;
 
     /// No limit, and nobody is told.
     Watch() = default;
@@ -27,8 +28,23 @@ class Watch {
 
     void begin(const char *stage, std::size_t amount) {
         _stage = stage;
+        _amount = amount;
+        _num_done = 0;
+        _done = 0.0;
         if (_tell)
-            _tell(_stage, amount);
+            _tell(_stage, amount, 0.0);
+        look();
+    }
+
+    /// One more of the things to do is done.
+    void count() {
+        ++_num_done;
+        reach(static_cast<double>(_num_done) / static_cast<double>(_amount));
+    }
+
+    /// A part of the stage is done, 0 to 1.
+    void reach(double done) {
+        _done = done;
         look();
     }
 
@@ -40,7 +56,7 @@ class Watch {
             throw TimeUp{_stage};
         if (now > _next) {
             _next = now + std::chrono::milliseconds(200);
-            _tell(_stage, 0);
+            _tell(_stage, 0, _done);
         }
     }
 
@@ -51,6 +67,8 @@ class Watch {
     Time _end{}, _next{};
     Tell _tell;
     std::string _stage;
+    std::size_t _amount = 0, _num_done = 0;
+    double _done = 0.0;
 };
 
 } // namespace fastsim

@@ -19,7 +19,10 @@ void try_each(std::vector<Item> &items, Watch &watch, const Try &attempt) {
     for (int pass = 0; pass < most_passes && !items.empty(); ++pass)
         std::erase_if(items, [&](const Item &item) {
             watch.look();
-            return attempt(item);
+            const bool is_done = attempt(item);
+            if (is_done)
+                watch.count();
+            return is_done;
         });
 }
 

@@ -236,7 +236,10 @@ std::vector<Index> remove_steiner_points(TetComplex &complex, RefinedSurface &su
     for (int pass = 0; pass < most_passes && !steiner.empty(); ++pass)
         if (std::erase_if(steiner, [&](Index s) {
                 watch.look();
-                return removal.remove(s);
+                const bool is_gone = removal.remove(s);
+                if (is_gone)
+                    watch.count();
+                return is_gone;
             }) == 0)
             // Flat cells at the point leave it no room: they go, and it is tried again.
             if (remove_flat_cells(complex, {}, true) > 0 && pass > 0)

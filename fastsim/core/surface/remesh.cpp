@@ -59,8 +59,9 @@ class Remesher {
         find_sharp_edges();
     }
 
-    RemeshedSurface run() {
+    RemeshedSurface run(const std::function<void(double)> &tell) {
         for (int pass = 0; pass < _settings.passes; ++pass) {
+            tell(static_cast<double>(pass) / _settings.passes);
             split_long_edges();
             collapse_short_edges();
             for (int sweep = 0; sweep < 3; ++sweep) {
@@ -280,36 +281,12 @@ class Remesher {
     RemeshedSurface _out;
 };
 
-/// Largest distance of one surface's points, middles of edges and centres from another.
-double one_sided_distance(std::span<const Point> points, std::span<const Facet> facets,
-                          const SurfaceDistance &other) {
-    double largest = 0.0;
-    const auto measure = [&](const Point &p) {
-        largest = std::max(largest, other.closest(p).distance_squared);
-    };
-    for (const Facet &f : facets) {
-        const Corners t{points[static_cast<std::size_t>(f[0])],
-                        points[static_cast<std::size_t>(f[1])],
-                        points[static_cast<std::size_t>(f[2])]};
-        for (std::size_t k = 0; k < 3; ++k) {
-            measure(t[k]);
-            measure(middle(t[k], t[(k + 1) % 3]));
-        }
-        measure(centre(t));
-    }
-    return std::sqrt(largest);
-}
-
 } // namespace
 
 RemeshedSurface remesh_surface(std::span<const Point> points, std::span<const Facet> facets,
-                               const RemeshSettings &settings) {
-    RemeshedSurface out = Remesher(points, facets, settings).run();
-    const SurfaceDistance given({points.begin(), points.end()}, {facets.begin(), facets.end()});
-    const SurfaceDistance made(out.points, out.facets);
-    out.distance = std::max(one_sided_distance(out.points, out.facets, given),
-                            one_sided_distance(points, facets, made));
-    return out;
+                               const RemeshSettings &settings,
+                               const std::function<void(double)> &tell) {
+    return Remesher(points, facets, settings).run(tell);
 }
 
 } // namespace fastsim

@@ -6,6 +6,8 @@
 #include "lattice/size_grid.hpp"
 #include "surface/editable_surface.hpp"
 
+#include <functional>
+
 namespace fastsim {
 
 struct RemeshSettings {
@@ -17,15 +19,14 @@ struct RemeshSettings {
 struct RemeshedSurface {
     std::vector<Point> points;
     std::vector<EditableSurface::Facet> facets;
-    // Largest distance seen of the new surface from the given one and the other way round, over
-    // points, middles of edges and centres of facets.
-    double distance = 0.0;
     std::size_t splits = 0, collapses = 0, flips = 0, moves = 0;
 };
 
+// `tell` is called now and then with the part that is done, 0 to 1.
 // Pre-condition: closed, manifold, oriented, finite; at least one facet.
 RemeshedSurface remesh_surface(std::span<const Point> points,
                                std::span<const EditableSurface::Facet> facets,
-                               const RemeshSettings &settings);
+                               const RemeshSettings &settings,
+                               const std::function<void(double)> &tell);
 
 } // namespace fastsim

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.exact_repair.patch_repairs import is_clean
+from palpate.meshes.repair.sheets import copied_sheets
 from palpate.meshes.repair.surface_repair import repair_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shells import find_shells
@@ -21,6 +22,27 @@ def beside(shift: tuple[float, float, float], other: TriSurface = BOX) -> TriSur
         np.vstack([BOX.points, other.points + np.array(shift)]),
         np.vstack([BOX.facets, other.facets + len(BOX.points)]),
     )
+
+
+def test_an_open_copy_goes_and_a_sheet_of_its_own_stays() -> None:
+    patch = BOX.facets[:20]
+    beside_it = TriSurface(BOX.points + 0.01 * EDGE, patch)
+    both = TriSurface(
+        np.vstack([BOX.points, beside_it.points]),
+        np.vstack([BOX.facets, patch + len(BOX.points)]),
+    )
+    assert np.flatnonzero(copied_sheets(both.points, both.facets)).tolist() == list(
+        range(BOX.num_facets, BOX.num_facets + len(patch))
+    )
+    repaired, report = repair_surface(both)
+    assert report.fin_facets == list(range(BOX.num_facets, BOX.num_facets + len(patch)))
+    assert repaired.num_facets == BOX.num_facets
+    # A fifth of an edge beside, or with a corner elsewhere: no copy.
+    for shift in (0.2 * EDGE, 0.0):
+        points = both.points.copy()
+        points[len(BOX.points) :] += shift
+        points[len(BOX.points) + patch[3, 0]] += 0.1 * EDGE * (shift == 0.0)
+        assert not copied_sheets(points, both.facets).any()
 
 
 @pytest.mark.parametrize(("shift", "num_points"), [((1, 1, 0), 5), ((1, 1, 1), 1)])

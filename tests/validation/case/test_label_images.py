@@ -10,10 +10,12 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from palpate.fastsim.critical_cells import find_critical_cells
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import read_mesh
 from palpate.meshes.label_images import (
     PHANTOM,
+    PHANTOM_WALLS,
     LabelImage,
     choose_labels,
     coarsen,
@@ -21,6 +23,7 @@ from palpate.meshes.label_images import (
     read_labels,
 )
 from palpate.meshes.label_surfaces import make_surfaces, separate_touching
+from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.body_schema import InclusionSpec
 from palpate.validation.case.label_bodies import mesh_labels
@@ -101,6 +104,19 @@ def test_a_coarse_mesh_of_labels_has_the_volumes_of_the_image() -> None:
             volume = float(signed_volumes(mesh.points, mesh.cells[mesh.cell_groups[name]]).sum())
             wanted = 8e-9 * (image.labels == number).sum()  # voxels of 2 mm
             assert volume == pytest.approx(wanted, rel=0.01)
+
+
+def test_points_that_slide_onto_each_other_make_no_sliver() -> None:
+    # Of voxels of 6 mm, two points came within 5 um of each other where labels meet.
+    lines: list[str] = []
+    mesh = mesh_labels(
+        make_phantom(), PHANTOM, walls=PHANTOM_WALLS, voxel_edge=6.0, progress=lines.append
+    )
+    assert any("facets would be too thin" in line for line in lines)
+    found = find_critical_cells(mesh, Material(1e4, 0.45, 1000.0))
+    # 0.16 degrees, and a step of 1.9 um over the wave speed, where such points stay.
+    assert found.smallest_dihedral_deg > 10.0
+    assert found.time_step * found.wave_speed > 0.02 * 6e-3
 
 
 def test_facets_that_touch_a_label_that_is_not_meshed_are_a_group() -> None:

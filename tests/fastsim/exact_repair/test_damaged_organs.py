@@ -1,0 +1,71 @@
+"""Fourteen kinds of damage on organs: mended within the limits, or refused soon and with advice."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+
+import numpy as np
+import pytest
+from damaged_organs import DEFECTS
+from perturbed_surfaces import ball, kidney
+
+from palpate.fastsim.exact_repair.patch_repairs import all_crossings
+from palpate.fastsim.exact_repair.solid_repair import repair_to_solid
+from palpate.meshes.errors import InputError
+from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.shapes import shape_tube
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tri_surface import TriSurface
+
+# Of those that bound no solid as they are given, so many in a hundred are mended at least: 59 of 72
+# were, all but those that bodies 3 edges deep in each other and walls pushed through are.
+FEWEST = 80
+# Processor time of a refusal [s].
+LONGEST = 10.0
+
+
+def is_solid(surface: TriSurface) -> bool:
+    try:
+        require_closed(surface)
+    except InputError:
+        return False
+    return not len(all_crossings(surface.points, surface.facets))
+
+
+def damage_and_repair(body: TriSurface, defect: str, seed: list[int]) -> str:
+    """What came of it: sound as it was given, mended, or refused."""
+    given = DEFECTS[defect](body, np.random.default_rng(seed))
+    if is_solid(given.surface):
+        return "sound"
+    start = time.process_time()
+    try:
+        made = repair_to_solid(given.surface, RepairChoices(smallest_shell=given.smallest_shell))
+    except InputError:
+        assert time.process_time() - start <= LONGEST
+        return "refused"
+    assert is_solid(made.surface)
+    return "mended"
+
+
+@pytest.mark.parametrize("defect", ["sheet a hundredth of an edge beside", "T-junctions", "fins"])
+def test_three_kinds_on_a_ball(defect: str) -> None:
+    assert damage_and_repair(ball(), defect, [0, 0]) == "mended"
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(0)  # each surface has its own limit
+def test_four_of_five_damaged_organs_are_mended_within_the_limits() -> None:
+    bodies = [kidney(), ball(), shape_tube(0.02, 0.014, 0.06, edge_length=4e-3)]
+    count: Counter[str] = Counter()
+    for number, defect in enumerate(DEFECTS):
+        found = Counter(
+            damage_and_repair(body, defect, [number, k, seed])
+            for k, body in enumerate(bodies)
+            for seed in range(2)
+        )
+        print(f"{defect}: {dict(found)}")
+        count += found
+    defective = count["mended"] + count["refused"]
+    assert defective >= 60
+    assert count["mended"] >= FEWEST / 100 * defective
