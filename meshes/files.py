@@ -42,7 +42,6 @@ from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
-from palpate.meshes.vtu_writer import write_vtu
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
 # Read with VTK's help, and not written.
@@ -416,7 +415,8 @@ def _write(path: str | Path, suffix: str, mesh: Any) -> None:
             version = "2.2" if mesh.field_data else "4.1"
             meshio.gmsh.write(temporary, mesh, version, binary=True)
         elif suffix == ".vtu":
-            write_vtu(temporary, mesh)
+            # Compressed, a large mesh takes longer to write than to make.
+            meshio.vtu.write(temporary, mesh, binary=True, compression=None)
         elif suffix in (".vtk", ".ply", ".stl"):
             meshio.write(temporary, mesh, binary=True)
         else:

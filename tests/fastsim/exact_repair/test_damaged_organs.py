@@ -18,9 +18,12 @@ from palpate.meshes.shapes import shape_tube
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 
-# Of those that bound no solid as they are given, so many in a hundred are mended at least: 59 of 72
-# were, all but those that bodies 3 edges deep in each other and walls pushed through are.
-FEWEST = 80
+# Damage that is mended on any body; the rest is mended or refused.
+ALWAYS_MENDED = {
+    "holes of 3 to 12 edges", "hole of 30 edges", "flipped facets", "facets given twice",
+    "sheet a hundredth of an edge beside", "bodies overlapping by 0.3 edges", "fins",
+    "T-junctions", "facets torn apart",
+}  # fmt: skip
 # Processor time of a refusal [s].
 LONGEST = 10.0
 
@@ -55,17 +58,15 @@ def test_three_kinds_on_a_ball(defect: str) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(0)  # each surface has its own limit
-def test_four_of_five_damaged_organs_are_mended_within_the_limits() -> None:
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_damaged_organs_are_mended_or_refused_soon(defect: str) -> None:
+    number = list(DEFECTS).index(defect)
     bodies = [kidney(), ball(), shape_tube(0.02, 0.014, 0.06, edge_length=4e-3)]
-    count: Counter[str] = Counter()
-    for number, defect in enumerate(DEFECTS):
-        found = Counter(
-            damage_and_repair(body, defect, [number, k, seed])
-            for k, body in enumerate(bodies)
-            for seed in range(2)
-        )
-        print(f"{defect}: {dict(found)}")
-        count += found
-    defective = count["mended"] + count["refused"]
-    assert defective >= 60
-    assert count["mended"] >= FEWEST / 100 * defective
+    found = Counter(
+        damage_and_repair(body, defect, [number, k, seed])
+        for k, body in enumerate(bodies)
+        for seed in range(2)
+    )
+    print(f"{defect}: {dict(found)}")
+    if defect in ALWAYS_MENDED:
+        assert found["refused"] == 0
