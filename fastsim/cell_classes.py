@@ -39,6 +39,9 @@ from palpate.meshes.tet_mesh import TetMesh
 PART_OF_CRITICAL = 0.9
 PART_OF_OWN = {Element.LINEAR: 1.2, Element.SMOOTHED: 1.8}
 MOST_CLASSES = 6
+# What a tool's look at a facet costs, in cells: 52 and 70 us for 2 356 facets, where 20 724 cells
+# take 282 and 1 151 us.
+LOOK = {Element.LINEAR: 1.6, Element.SMOOTHED: 0.5}
 # Part of the work with one class that several have to come to: they are looked after as well.
 WORTH = 0.75
 # Mass damping times step that keeps energy from creeping up under Green strain.
@@ -107,13 +110,15 @@ def choose_classes(
             longest = shortest * _core.ratio_of_classes() ** (1 - MOST_CLASSES)
             raise UnstableStepError(time_step, safety * longest)
         return _of(classes, critical_wanted)
-    best, least = one, WORTH * mesh.num_cells / critical_with_contact
+    facets = [len(t.contact_facets) or len(mesh.boundary_facets) for t in problem.tools]
+    looks = LOOK[element] * sum(facets)
+    best, least = one, WORTH * (mesh.num_cells + looks) / critical_with_contact
     for tried in shortest / _core.ratio_of_classes() ** _TRIED:
         classes = _classes(granted, shortest, tried)
         if classes.max() >= MOST_CLASSES:
             break
         looked_at = _finest_around(mesh, classes) if element is Element.SMOOTHED else classes
-        work = float(np.sum(2.0**looked_at)) / tried
+        work = float(np.sum(2.0**looked_at) + 2.0 ** classes.max() * looks) / tried
         if work < least:
             best, least = _of(classes, tried), work
     return best
