@@ -244,8 +244,8 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        13740,
-        "issue 35: small cells near tools; "
+        13790,
+        "issue 35: small cells near tools, and where one touches first; "
         "issue 37: repairs by part, wraps both ways within their time; "
         "issue 35: contact over facets; issue 36: sensitivities of equilibria, small swings; "
         "issue 37: regions with common walls; issue 38: equilibria from a start",
@@ -258,8 +258,9 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        52000,
-        "issue 35: small cells near tools, force that ripples while a tool slides; "
+        52020,
+        "issue 35: small cells near tools, also on the page, "
+        "force that ripples while a tool slides; "
         "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
@@ -270,8 +271,9 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        62760,
-        "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples; "
+        63100,
+        "issue 35: eight contact set-ups, small cells on the page, "
+        "CGS-4, two elastic bodies against Hertz, bars of ripples; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files, VTK files that are cut off; contact over facets; "
@@ -289,7 +291,7 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2680,
+        2690,
         "issue 35: `--near-tool`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
         "issue 36: `fit`, `solve --set`",
@@ -309,7 +311,8 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3300,
+        3380,
+        "issue 35: small cells where the page's tool touches first; "
         "issue 34: how the page is opened, and what recordings may not replace; "
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
