@@ -109,7 +109,8 @@ def first_touched(problem: Problem, direction: ArrayLike) -> Floats:
         gaps = gaps_at(shape, seen, pose).distances
         nearest = int(np.argmin(gaps))
         if gaps[nearest] <= _NEAR_ENOUGH * size:
-            return seen[nearest]
+            touched: Floats = seen[nearest]
+            return touched
         gone += float(gaps[nearest])
         pose["position"] += gaps[nearest] * way
     raise InputError("the tool passes the body on its way straight in: start it elsewhere")
