@@ -24,7 +24,7 @@ class GradedMesh:
     """A mesh and its bisections.
 
     Args:
-        mesh: Any conforming mesh; its facet and point groups are carried.
+        mesh: Any conforming mesh; its groups are carried.
     """
 
     def __init__(self, mesh: TetMesh) -> None:
@@ -58,7 +58,10 @@ class GradedMesh:
             point_groups = {
                 name: self.carry_points(rows) for name, rows in self._given.point_groups.items()
             }
-            self._mesh = TetMesh(self.points, self.cells, facet_groups, point_groups)
+            cell_groups = {
+                name: self.carry_cells(rows) for name, rows in self._given.cell_groups.items()
+            }
+            self._mesh = TetMesh(self.points, self.cells, facet_groups, point_groups, cell_groups)
         return self._mesh
 
     def refine(self, marked: ArrayLike) -> None:
@@ -74,6 +77,10 @@ class GradedMesh:
             )
         self._core.refine(np.ascontiguousarray(flags).astype(np.uint8))
         self._refresh()
+
+    def carry_cells(self, rows: ArrayLike) -> Indices:
+        """Cells of `mesh` that lie in some cells of the given mesh, ascending."""
+        return np.flatnonzero(np.isin(self.given_cell, rows)).astype(np.int32)
 
     def carry_points(self, rows: ArrayLike) -> Indices:
         """Points of a set on the given mesh, with the new ones between them.
@@ -160,11 +167,9 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
     It is on the mesh that `graded` began with. Forces on single points stay on their points, which
     keep their numbers.
     """
-
-    def cells(chosen: Indices) -> Indices:
-        return np.flatnonzero(np.isin(graded.given_cell, chosen)).astype(np.int32)
-
-    carried = on_other_mesh(problem, graded.mesh, facets=graded.carry_facets, cells=cells)
+    carried = on_other_mesh(
+        problem, graded.mesh, facets=graded.carry_facets, cells=graded.carry_cells
+    )
     supports = (
         dataclasses.replace(new, points=graded.carry_points(old.points))
         for old, new in zip(problem.supports, carried.supports, strict=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.fastsim.contact.tool_contact import core_shape, gaps_at, poses_at
 from palpate.fastsim.grading.graded_mesh import GradedMesh, carry_problem
@@ -30,6 +31,8 @@ PART_OF_CONTACT = 0.5
 GROWTH = 0.5
 # Poses of a path at which the body at rest is looked at.
 _POSES = 24
+# A tool touches that is as near as this part of the body's size.
+_NEAR_ENOUGH = 1e-4
 # Most cells of a refined mesh.
 MOST_CELLS = 400_000
 # Points on a facet, as barycentric coordinates: a tool smaller than a facet is found between them.
@@ -82,10 +85,47 @@ def refine_near_tools(problem: Problem, edge: float | None = None) -> Problem:
     return dataclasses.replace(finer, time=dataclasses.replace(finer.time, time_step=None))
 
 
-def _touched(problem: Problem, tool: RigidTool) -> tuple[Points, float]:
-    """Positions on facets at rest that a tool's path goes through, (n, 3), and how deep [m]."""
+def first_touched(problem: Problem, direction: ArrayLike) -> Floats:
+    """Where the first tool, moved straight from its first pose, meets the body at rest first [m].
+
+    Args:
+        problem: With a tool that is outside the body.
+        direction: Unit vector of its way [-], shape (3,).
+
+    Returns:
+        A position on a facet, shape (3,).
+
+    Raises:
+        InputError: The tool passes the body.
+    """
+    tool, way = problem.tools[0], np.asarray(direction, dtype=np.float64)
+    seen, shape = _on_facets(problem), core_shape(tool.shape)
+    pose = poses_at(tool.path, tool.path.times[:1])[0]
+    size = float(np.linalg.norm(np.ptp(seen, axis=0)))
+    farthest = 2.0 * size + float(np.linalg.norm(seen.mean(axis=0) - pose["position"]))
+    gone = 0.0
+    while gone < farthest:
+        # No point is nearer than the nearest, whichever way the tool goes.
+        gaps = gaps_at(shape, seen, pose).distances
+        nearest = int(np.argmin(gaps))
+        if gaps[nearest] <= _NEAR_ENOUGH * size:
+            touched: Floats = seen[nearest]
+            return touched
+        gone += float(gaps[nearest])
+        pose["position"] += gaps[nearest] * way
+    raise InputError("the tool passes the body on its way straight in: start it elsewhere")
+
+
+def _on_facets(problem: Problem) -> Points:
+    """Positions on the facets at rest [m], shape (n, 3)."""
     facets = problem.mesh.points[problem.mesh.boundary_facets]
     seen: Points = np.einsum("ka,fai->fki", _ON_FACET, facets).reshape(-1, 3)
+    return seen
+
+
+def _touched(problem: Problem, tool: RigidTool) -> tuple[Points, float]:
+    """Positions on facets at rest that a tool's path goes through, (n, 3), and how deep [m]."""
+    seen = _on_facets(problem)
     least: Floats = np.full(len(seen), np.inf)
     times = np.linspace(tool.path.times[0], tool.path.times[-1], _POSES)
     shape = core_shape(tool.shape)

@@ -121,7 +121,8 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
                 "inclusion by a group of its cells"
             )
         path = inside_folder(folder, geometry.mesh)
-        return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
+        read = BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
+        return _graded(read, spec.mesh.grade, units)
     if geometry.surface is not None:
         path = inside_folder(folder, geometry.surface)
         wrap = None if geometry.wrap is None else units.metres(geometry.wrap)
@@ -254,14 +255,19 @@ def _fill(
         # That was the surface's length; a graded interior grows from there.
         size = None if spec.interior == "graded" else size
     built = _fill_given(surface, spec, size, how)
-    mesh = built.mesh
-    if spec.grade:
-        graded = GradedMesh(mesh)
-        field = _size_field(mesh.surface(), spec.grade, units)
-        refine_to_size(graded, field, max_cells=MOST_CELLS)
-        mesh = graded.mesh
-        done.append(f"graded to {mesh.num_cells} cells")
-    return BuiltMesh(mesh, "; ".join([built.origin, *done]))
+    built = BuiltMesh(built.mesh, "; ".join([built.origin, *done]))
+    return _graded(built, spec.grade, units)
+
+
+def _graded(built: BuiltMesh, grades: Sequence[GradeSpec], units: Units) -> BuiltMesh:
+    """The mesh bisected until it is as fine as every grade asks."""
+    if not grades:
+        return built
+    graded = GradedMesh(built.mesh)
+    field = _size_field(built.mesh.surface(), grades, units)
+    refine_to_size(graded, field, max_cells=MOST_CELLS)
+    mesh = graded.mesh
+    return BuiltMesh(mesh, f"{built.origin}; graded to {mesh.num_cells} cells")
 
 
 def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:

@@ -293,11 +293,11 @@ class CaseSpec(Table):
 
     @model_validator(mode="after")
     def _mesh_file_is_not_meshed(self) -> CaseSpec:
-        given = sorted(self.mesh.model_fields_set)
+        given = sorted(self.mesh.model_fields_set - {"grade"})
         if self.geometry.mesh is not None and given:
             raise PydanticCustomError(
                 "mesh_file",
-                "a mesh file is taken as it is; remove [mesh], or give the body as "
+                "a mesh file is graded, not meshed; remove this key, or give the body as "
                 "[geometry] surface, which is meshed",
                 {"path": ("mesh", given[0])},
             )

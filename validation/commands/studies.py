@@ -18,10 +18,13 @@ from palpate.validation.commands.options import (
     Device,
     Folder,
     Force,
+    NearTool,
+    NearToolEdge,
     OneCase,
     OptionalCases,
     TimeLimit,
     is_condensed,
+    near_tool_metres,
     print_lines,
     progress_lines,
 )
@@ -170,6 +173,8 @@ def touch(
     radius: Annotated[
         float | None, typer.Option(help="of the sphere or the capsule, in the case's unit")
     ] = None,
+    near_tool: NearTool = False,
+    near_tool_edge: NearToolEdge = None,
     damping: Annotated[
         float | None, typer.Option(help="mass damping [1/s]; default: the case's")
     ] = None,
@@ -191,6 +196,7 @@ def touch(
 
     from palpate.validation.case import load_case
     from palpate.validation.live.live_case import Touch, tool_table
+    from palpate.validation.live.near_touch import near_touch
     from palpate.validation.live.opening import opened
     from palpate.validation.live.panes import condensed_words
     from palpate.validation.live.server import PageServer
@@ -199,6 +205,10 @@ def touch(
     loaded = load_case(case)
     progress_lines()(f"reading and meshing {loaded.name}")
     touched = Touch(tool_table(loaded, tool, radius), loads, damping, is_condensed(engine))
+    edge = near_tool_metres(near_tool_edge)
+    if near_tool or edge is not None:
+        loaded, touched = near_touch(loaded, touched, edge)
+        progress_lines()(loaded.mesh.origin)
     elements = (Elements.LINEAR if element is None else element).each
     if touched.is_condensed:
         progress_lines()(condensed_words(loaded.problem, elements[0]))

@@ -38,7 +38,7 @@ _RADIUS, _GAPS = 0.12, 1.5
 # The radius of a patch that is grabbed, in the same terms: it contains some vertices.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
 # The keys of a case's own tool that the page's tool takes over.
-_OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
+_OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface", "contact"}
 # Initial distance of the tool from the body, as a fraction of the longest side.
 _AWAY = 0.06
 # Damping where the case states none, as a fraction of the lowest shear wave's frequency.

@@ -9,11 +9,13 @@ from case_texts import BOX
 from typer.testing import CliRunner
 
 import palpate
+from palpate.fastsim.grading.size_fields import mean_edges
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import in_file_unit, read_mesh, write_mesh, write_surface
 from palpate.meshes.problem import Strain
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.tri_surface import (
     FinError,
     OpenSurfaceError,
@@ -133,6 +135,25 @@ def test_a_mesh_file_in_millimetres(write_case, tmp_path):
     mesh = load_case(path).problem.mesh
     assert math.isclose(mesh.volume, 2e-9, rel_tol=1e-12)
     assert np.array_equal(mesh.cells, source.cells)
+
+
+def test_a_mesh_file_is_graded_with_its_groups(write_case, tmp_path):
+    source = load_case(write_case()).problem.mesh
+    left = source.points[source.cells].mean(axis=1)[:, 0] < 1.0
+    groups = {"left": np.flatnonzero(left).astype(np.int32)}
+    own = TetMesh(source.points, source.cells, cell_groups=groups)
+    write_mesh(tmp_path / "block.msh", own, groups=True)
+    grade = "[[mesh.grade]]\npoint = [2.0, 1.0, 1.0]\nsmallest = 0.1\n[material]"
+    case = load_case(write_case((BOX, 'mesh = "block.msh"'), ("[material]", grade)))
+    mesh = case.mesh.mesh
+    assert case.mesh.origin == f"read from block.msh; graded to {mesh.num_cells} cells"
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    near = np.linalg.norm(middles - [2.0, 1.0, 1.0], axis=1) < 0.2
+    assert near.any()
+    assert mean_edges(mesh.points, mesh.cells[near]).max() <= 0.1 * (1.0 + 1e-9)
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    whole = signed_volumes(source.points, source.cells)[left].sum()
+    assert volumes[mesh.cell_groups["left"]].sum() == pytest.approx(whole, rel=1e-12)
 
 
 TUMOUR = shape_sphere(0.3, edge_length=0.3)

@@ -117,11 +117,9 @@ SCHEMA = [
     ((BOX, 'surface = "torn.off"\nlargest_hole = 20'), "takes no largest_hole"),
     ((BOX, 'surface = "torn.off"\nrepair_limit = 5.0'), "takes no repair_limit"),
     ((BOX, BOX + "\nrepair = true"), "takes no repair"),
-    # A mesh file is taken as it is.
+    # A mesh file is graded, and no more.
     ((BOX, 'mesh = "liver.vtu"\n\n[mesh]\nboundary = "free"\nboundary_distance = 0.1'),
-     "block.toml:9: mesh.boundary: a mesh file is taken as it is; remove [mesh], or give"),
-    ((BOX, 'mesh = "liver.vtu"\n[[mesh.grade]]\nsmallest = 0.1\npoint = [0, 0, 0]'),
-     "mesh.grade: a mesh file is taken as it is"),
+     "block.toml:9: mesh.boundary: a mesh file is graded, not meshed; remove this key, or give"),
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1"), "exactly one of point"),
     (before("[material]", "[[mesh.grade]]\nsmallest = 0.1\npoint = [0, 0, 0]\nboundary = true"),
      "exactly one of point"),
