@@ -91,9 +91,8 @@ CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> pla
 }
 
 void CondensedContact::clear() {
-    for (std::size_t t = 0; t < _tools.size(); ++t)
-        std::ranges::fill(_pushes[t], 0.0);
-
+    for (std::vector<double> &pushes : _pushes)
+        std::ranges::fill(pushes, 0.0);
     std::ranges::fill(_response, Point{});
     std::ranges::fill(_forces, Point{});
     std::ranges::fill(_loads, ToolLoad{});
