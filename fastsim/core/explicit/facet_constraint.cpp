@@ -13,6 +13,46 @@ namespace fastsim {
 // changes by no more than the way, and the sum of |4 phi - 1| w times the ways is that of the 12
 // points. The rest is for edges that are longer than at rest.
 constexpr double reach_in_edges = 2.5;
+// So much longer.
+constexpr double stretch = 1.8;
+// Of an edge, for what the multipliers of neighbours move a vertex by.
+constexpr double moved_by_others = 0.25;
+// Of constraints: their average is unknown, or known and too far off to push.
+constexpr std::int32_t far_off = -1, without_row = -2;
+
+namespace {
+
+/// How far from the tool an average's vertex may be, if the average is to be inside [m].
+///
+/// A gap that was linear over the facets would have the vertex's as its average. One with a
+/// curvature up to kappa differs from its linear interpolation by kappa e^2 / 6 at most, e the
+/// longest edge, and the average by 2.4 times that, the mean of |4 phi - 1| over that of phi.
+double reach_of(const ToolShape &shape, double gap, double edge) {
+    const double longest = stretch * edge, widest = reach_in_edges * edge;
+    double curvature = 0.0; // of a plane
+    if (const double radius = std::holds_alternative<Sphere>(shape) ? std::get<Sphere>(shape).radius
+                              : std::holds_alternative<Capsule>(shape)
+                                  ? std::get<Capsule>(shape).radius
+                                  : 0.0;
+        radius > 0.0) {
+        const double nearest = radius + gap - longest; // of the facets to the centre or line
+        if (nearest <= 0.0)
+            return widest;
+        curvature = 1.0 / nearest;
+    } else if (!std::holds_alternative<HalfSpace>(shape)) {
+        return widest;
+    }
+    return std::min(widest, 0.4 * curvature * longest * longest + moved_by_others * edge);
+}
+
+Point weighted(const std::array<Point, 3> &corner, const Point &part) {
+    Point place{};
+    for (std::size_t k = 0; k < 3; ++k)
+        place = along(place, corner[k], part[k]);
+    return place;
+}
+
+} // namespace
 
 template <typename Real>
 FacetConstraint<Real>::FacetConstraint(const PointRecords &records, std::span<const double> points,
@@ -20,10 +60,10 @@ FacetConstraint<Real>::FacetConstraint(const PointRecords &records, std::span<co
                                        std::span<const double> facet_areas,
                                        std::span<const Index> constraints,
                                        std::span<const double> areas)
-    : _row_of(areas.size(), -1) {
+    : _row_of(areas.size(), far_off), _averages(areas.size()) {
     std::unordered_map<Index, std::uint32_t> numbers;
     for (std::size_t f = 0; f < facet_areas.size(); ++f) {
-        std::array<Corner, 3> corners{};
+        Facet corners{};
         for (std::size_t k = 0; k < 3; ++k) {
             const Index point = facets[3 * f + k];
             const auto [at, is_new] =
@@ -59,14 +99,16 @@ Reaction FacetConstraint<Real>::touch(const TouchSettings &tool, const Pose &now
     if (!look(tool, now, next, motion, reaction))
         return reaction;
     average(tool, next, motion);
-    for (const Row &row : _rows)
-        reaction.gap = std::min(reaction.gap, row.gap);
+    for (const std::int32_t constraint : _averaged)
+        reaction.gap = std::min(reaction.gap, _averages[static_cast<std::size_t>(constraint)]);
     if (reaction.gap < 0.0) {
+        differentiate(tool, next, motion);
         solve();
         act(now, motion, push, reaction);
     }
-    for (const std::int32_t constraint : _of_rows)
-        _row_of[static_cast<std::size_t>(constraint)] = -1;
+    for (const std::int32_t constraint : _averaged)
+        _row_of[static_cast<std::size_t>(constraint)] = far_off;
+    _averaged.clear();
     return reaction;
 }
 
@@ -90,7 +132,8 @@ bool FacetConstraint<Real>::look(const TouchSettings &tool, const Pose &now, con
         if (!is_in)
             continue;
         const Point place = next.to_tool(ahead(v, motion).place);
-        _ahead[v].is_near = gap_of(tool.shape, place).distance < reach_in_edges * vertex.edge;
+        const double gap = gap_of(tool.shape, place).distance;
+        _ahead[v].is_near = gap < reach_of(tool.shape, gap, vertex.edge);
         is_any |= _ahead[v].is_near;
     }
     reaction.fastest = static_cast<double>(fastest);
@@ -118,59 +161,94 @@ FacetConstraint<Real>::ahead(std::uint32_t vertex, const Motion<Real> &motion) {
 template <typename Real>
 typename FacetConstraint<Real>::Row &FacetConstraint<Real>::row_of(std::int32_t constraint) {
     std::int32_t &row = _row_of[static_cast<std::size_t>(constraint)];
-    if (row < 0) {
-        row = static_cast<std::int32_t>(_of_rows.size());
-        _of_rows.push_back(constraint);
-        _rows.push_back({});
+    if (row == without_row) {
+        row = static_cast<std::int32_t>(_rows.size());
+        _rows.push_back({_averages[static_cast<std::size_t>(constraint)]});
     }
     return _rows[static_cast<std::size_t>(row)];
 }
 
-/// The gaps and gradients of the constraints of vertices near the tool.
+/// The gaps of the constraints of vertices near the tool, and of those that may push a row each.
 template <typename Real>
 void FacetConstraint<Real>::average(const TouchSettings &tool, const Pose &next,
                                     const Motion<Real> &motion) {
-    _rows.clear();
-    _of_rows.clear();
-    for (const std::array<Corner, 3> &corners : _facets) {
+    _near.clear();
+    for (const Facet &facet : _facets) {
         const auto is_asked = [&](const Corner &corner) {
             return corner.constraint >= 0 && _ahead[corner.vertex].is_near;
         };
-        if (std::ranges::none_of(corners, is_asked))
+        if (std::ranges::none_of(facet, is_asked))
             continue;
-        std::array<Point, 3> place{};
-        for (std::size_t k = 0; k < 3; ++k)
-            place[k] = next.to_tool(ahead(corners[k].vertex, motion).place);
-        // By corner: the average's part, and its gradients by the three.
+        const std::array<Point, 3> place = places_of(facet, next, motion);
         std::array<double, 3> gaps{};
+        for (const Point &part : facet_points) {
+            const double distance = gap_of(tool.shape, weighted(place, part)).distance;
+            for (std::size_t k = 0; k < 3; ++k)
+                gaps[k] += facet[k].share * (4.0 * part[k] - 1.0) * distance;
+        }
+        for (std::size_t k = 0; k < 3; ++k)
+            if (is_asked(facet[k])) {
+                const auto constraint = static_cast<std::size_t>(facet[k].constraint);
+                if (_row_of[constraint] == far_off) {
+                    _row_of[constraint] = without_row;
+                    _averages[constraint] = 0.0;
+                    _averaged.push_back(facet[k].constraint);
+                }
+                _averages[constraint] += gaps[k];
+            }
+        _near.push_back(&facet);
+    }
+}
+
+/// The gradients of the averages that neighbours may bring inside.
+template <typename Real>
+void FacetConstraint<Real>::differentiate(const TouchSettings &tool, const Pose &next,
+                                          const Motion<Real> &motion) {
+    _rows.clear();
+    for (const Facet *const facet : _near) {
+        const auto may_push = [&](const Corner &corner) {
+            return corner.constraint >= 0 && _ahead[corner.vertex].is_near &&
+                   _averages[static_cast<std::size_t>(corner.constraint)] <
+                       moved_by_others * _vertices[corner.vertex].edge;
+        };
+        if (std::ranges::none_of(*facet, may_push))
+            continue;
+        const std::array<Point, 3> place = places_of(*facet, next, motion);
+        // By corner: the gradients of the average's part by the three.
         std::array<std::array<Point, 3>, 3> gradients{};
         for (const Point &part : facet_points) {
-            Point at{};
-            for (std::size_t k = 0; k < 3; ++k)
-                at = along(at, place[k], part[k]);
-            const Gap gap = gap_of(tool.shape, at);
+            const Point normal = gap_of(tool.shape, weighted(place, part)).normal;
             for (std::size_t k = 0; k < 3; ++k) {
-                const double share = corners[k].share * (4.0 * part[k] - 1.0);
-                gaps[k] += share * gap.distance;
+                const double share = (*facet)[k].share * (4.0 * part[k] - 1.0);
                 for (std::size_t l = 0; l < 3; ++l)
-                    gradients[k][l] = along(gradients[k][l], gap.normal, share * part[l]);
+                    gradients[k][l] = along(gradients[k][l], normal, share * part[l]);
             }
         }
         for (std::size_t k = 0; k < 3; ++k) {
-            if (!is_asked(corners[k]))
+            if (!may_push((*facet)[k]))
                 continue;
-            Row &row = row_of(corners[k].constraint);
-            row.gap += gaps[k];
+            Row &row = row_of((*facet)[k].constraint);
             for (std::size_t l = 0; l < 3; ++l) {
+                const std::uint32_t vertex = (*facet)[l].vertex;
                 const Point gradient = next.turned_out(gradients[k][l]);
-                const auto known = std::ranges::find(row.parts, corners[l].vertex, &Part::vertex);
+                const auto known = std::ranges::find(row.parts, vertex, &Part::vertex);
                 if (known == row.parts.end())
-                    row.parts.push_back({corners[l].vertex, gradient});
+                    row.parts.push_back({vertex, gradient});
                 else
                     known->gradient = along(known->gradient, gradient, 1.0);
             }
         }
     }
+}
+
+/// Where the corners of a facet would be at the end of the step, in the tool's frame.
+template <typename Real>
+std::array<Point, 3> FacetConstraint<Real>::places_of(const Facet &facet, const Pose &next,
+                                                      const Motion<Real> &motion) {
+    std::array<Point, 3> place{};
+    for (std::size_t k = 0; k < 3; ++k)
+        place[k] = next.to_tool(ahead(facet[k].vertex, motion).place);
+    return place;
 }
 
 /// Adds rows that would be inside with the multipliers known so far; false where there are none.

@@ -46,6 +46,7 @@ template <typename Real> class FacetConstraint {
         std::int32_t constraint;
         double share; // A / (12 a) of the facet and the constraint
     };
+    using Facet = std::array<Corner, 3>;
     struct Ahead { // of a vertex
         Point place{}, mobility{}, force{};
         bool is_known = false, is_near = false;
@@ -54,7 +55,7 @@ template <typename Real> class FacetConstraint {
         std::uint32_t vertex;
         Point gradient;
     };
-    struct Row { // of a constraint near the tool
+    struct Row { // of a constraint that may push
         double gap = 0.0;
         std::vector<Part> parts{};
         bool is_active = false;
@@ -65,19 +66,25 @@ template <typename Real> class FacetConstraint {
               const Motion<Real> &motion, Reaction &reaction);
     const Ahead &ahead(std::uint32_t vertex, const Motion<Real> &motion);
     void average(const TouchSettings &tool, const Pose &next, const Motion<Real> &motion);
+    void differentiate(const TouchSettings &tool, const Pose &next, const Motion<Real> &motion);
+    std::array<Point, 3> places_of(const Facet &facet, const Pose &next,
+                                   const Motion<Real> &motion);
     Row &row_of(std::int32_t constraint);
     void solve();
     bool add_active();
     void act(const Pose &now, Motion<Real> &motion, Push<Real> &push, Reaction &reaction) const;
 
     std::vector<Vertex> _vertices;
-    std::vector<std::array<Corner, 3>> _facets;
-    double _margin = 0.0;               // beside the tool, for averages of what is near it [m]
-    std::vector<Ahead> _ahead;          // by vertex
-    std::vector<std::int32_t> _row_of;  // by constraint, -1 of those far off
-    std::vector<Row> _rows;             // of this step
-    std::vector<std::int32_t> _of_rows; // their constraints
-    std::vector<std::size_t> _active;   // rows that may push
+    std::vector<Facet> _facets;
+    double _margin = 0.0;              // beside the tool, for averages of what is near it [m]
+    std::vector<Ahead> _ahead;         // by vertex
+    std::vector<std::int32_t> _row_of; // by constraint
+    std::vector<double> _averages;     // by constraint, of those near the tool [m]
+    // Of this step: the constraints near the tool, their facets, and rows of those that may push.
+    std::vector<std::int32_t> _averaged;
+    std::vector<const Facet *> _near;
+    std::vector<Row> _rows;
+    std::vector<std::size_t> _active; // rows that may push
     std::vector<double> _matrix, _right, _found;
     Complementarity _complementarity;
     bool _is_solved = true;
