@@ -241,9 +241,13 @@ def load_cases(names: Sequence[str]) -> list[Case]:
 
 @dataclass(frozen=True)
 class NearTool:
-    """A mesh that is refined where tools press, to edges of a length [m], or one that follows."""
+    """A mesh that is refined where tools press, to edges of a length [m], or one that follows.
+
+    A motion on it has steps of `time_step` [s]; each simulator's own where None.
+    """
 
     edge: float | None
+    time_step: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,8 +279,8 @@ class Case:
 
     @property
     def is_changed(self) -> bool:
-        """Whether law, contact or mesh is not the file's, for which no reference is stored."""
-        return any((self.other_law, self.other_contact, self.near_tool))
+        """Whether law or contact is not the file's, for which no reference is stored."""
+        return any((self.other_law, self.other_contact))
 
     def under(self, law: Law) -> Case:
         """The same case of a body with the same moduli at rest that follows another law.
@@ -421,6 +425,9 @@ class Case:
                 from palpate.fastsim.grading.near_tools import refine_near_tools
 
                 problem = refine_near_tools(problem, self.near_tool.edge)
+                if problem.time is not None:
+                    steps = replace(problem.time, time_step=self.near_tool.time_step)
+                    problem = replace(problem, time=steps)
             for number, check in enumerate(self.checks, 1):
                 if check.at is not None:
                     point_at(problem.mesh, check.at, units, f"check {number}")

@@ -32,6 +32,7 @@ from palpate.validation.judging.checks import (
     has_same_mesh_check,
     unjudged_check,
 )
+from palpate.validation.judging.near_tools import judge_near_tools
 from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.provenance import provenance_of
 from palpate.validation.judging.results import (
@@ -97,10 +98,19 @@ def judge_case(
     """
     if not case.checks:
         raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
-    progress(f"case {case.name}: {case.title}")
-    progress(f"mesh {case.mesh_origin}")
     given = fastsim_candidate() if candidate is None else candidate
     everybody = [given] if isinstance(given, Candidate) else list(given)
+    if case.near_tool is not None and not live:
+
+        def judge_one(of: Case, judged: Sequence[Candidate], is_solved_here: bool) -> CaseResult:
+            return judge_case(
+                of, live=is_solved_here, candidate=judged, diagnoses=diagnoses and is_solved_here,
+                precision=precision, progress=progress,
+            )  # fmt: skip
+
+        return judge_near_tools(case, everybody, judge_one)
+    progress(f"case {case.name}: {case.title}")
+    progress(f"mesh {case.mesh_origin}")
     for judged in everybody:
         if missing := _missing_check(case, judged):
             raise InputError(f"{case.path.name}: {missing}; add one")
@@ -117,7 +127,7 @@ def judge_case(
             isinstance(of, State) for solutions in solved for of in solutions.values()
         )
         references = find() if is_needed else ReferenceSet({}, {}, "not solved, for no result came")
-    judge_one = partial(
+    judge_by = partial(
         _judge_one,
         case,
         references=references,
@@ -126,7 +136,7 @@ def judge_case(
         progress=progress,
     )
     pairs = zip(everybody, solved, strict=True)
-    return merge_candidates([judge_one(judged, solutions) for judged, solutions in pairs])
+    return merge_candidates([judge_by(judged, solutions) for judged, solutions in pairs])
 
 
 def _judge_one(

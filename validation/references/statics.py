@@ -170,6 +170,7 @@ def solve_live(
     strains: Collection[Strain] = tuple(Strain),
     unknowns: float = UNKNOWNS,
     known: Mapping[StateKey, State] | None = None,
+    has_truth: bool = True,
 ) -> ReferenceSet:
     """Solve P1 on the case's mesh and the truth; of a motion what is `wanted`.
 
@@ -190,6 +191,7 @@ def solve_live(
         strains: Strain measures that are solved.
         unknowns: Most unknowns of the largest mesh of a static truth.
         known: States of a static problem that are not solved again.
+        has_truth: Whether a static problem's truth is solved at all.
     """
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
@@ -206,6 +208,8 @@ def solve_live(
     for strain in strains:
         if not run.has_equilibrium(strain):
             continue
+        if not has_truth:
+            continue
         if is_graded:
             run.grade(strain, has_stress=has_stress)
         is_tried = any((TRUTH, strain) in made for made in (run.states, run.failures))
@@ -215,7 +219,9 @@ def solve_live(
         for strain in strains:
             run.solve(strain, 1, Element.SMOOTHED)
     names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
-    here = f"{', '.join(names)} and P2 solved here"
+    here = (
+        " and ".join(filter(None, [", ".join(names), "P2" if has_truth else ""])) + " solved here"
+    )
     provenance: dict[str, Any] = {
         "versions": next((dict(s.versions) for s in run.states.values()), {})
     }
@@ -230,7 +236,8 @@ def solve_live(
     provenance[PARTS] = _parts_of(bars)
     if run.records:
         provenance[ADAPTIVE] = run.records
-    origin, remarks = f"{here}; {run.says_of_bars()}", (*run.remarks, *run.coarse_meshes())
+    origin = f"{here}; {run.says_of_bars()}" if has_truth else here
+    remarks = (*run.remarks, *run.coarse_meshes())
     return ReferenceSet(run.states, bars, origin, run.failures, provenance, remarks=remarks)
 
 

@@ -1,0 +1,88 @@
+"""Small cells near tools, judged by the truth that is stored for the case itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference import availability
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
+
+SMOOTHED = fastsim_candidate(element=Element.SMOOTHED)
+# Between the case's 7.5 mm and the 3.9 mm with which its needs are met [m].
+EDGE = 0.005
+
+
+def judged(candidate: Candidate, edge: float = EDGE) -> CaseResult:
+    return judge_case(load_case("press").near_tools(edge), candidate=candidate)
+
+
+def of_truth(result: CaseResult) -> dict[str, float]:
+    return {
+        check.metric: check.value
+        for check in result.checks
+        if check.against == "truth" and check.value is not None
+    }
+
+
+@pytest.fixture
+def without_fenicsx(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(availability, "is_available", lambda: False)
+
+
+@pytest.mark.usefixtures("without_fenicsx")
+def test_the_stored_truth_is_nearer_on_small_cells_than_on_the_case_s() -> None:
+    near, plain = judged(SMOOTHED), judge_case(load_case("press"), candidate=SMOOTHED)
+    assert near.name == "press-near-tool"
+    # 7.8 and 1.1 % on these cells, 23 and 3.2 % on the case's (write_a_case.md).
+    assert of_truth(near)["displacement_l2"] < 0.5 * of_truth(plain)["displacement_l2"]
+    assert of_truth(near)["tool_force"] < 0.5 * of_truth(plain)["tool_force"]
+    assert any("Solved on 4433 cells" in note for note in near.notes)
+    assert any("needs FEniCSx" in note for note in near.notes)
+    assert all(check.against != "same_mesh" for check in near.checks)
+
+
+@pytest.mark.usefixtures("without_fenicsx")
+def test_a_wrong_or_failed_result_on_small_cells_is_seen() -> None:
+    def softer(problem: Problem, strain: Strain, progress: Progress) -> State:
+        wrong = dataclasses.replace(problem.material, poissons_ratio=0.0)
+        return SMOOTHED.solve(dataclasses.replace(problem, material=wrong), strain, progress)
+
+    found = of_truth(judged(dataclasses.replace(SMOOTHED, solve=softer)))
+    assert found["displacement_l2"] > 0.1
+    calls: list[Strain] = []
+
+    def breaks(_problem: Problem, strain: Strain, _progress: Progress) -> State:
+        calls.append(strain)
+        raise CandidateFailedError("it broke")
+
+    result = judged(dataclasses.replace(SMOOTHED, solve=breaks))
+    assert result.verdict is Verdict.FAILED
+    assert len(calls) == len(set(calls))
+
+
+@pytest.mark.dolfinx
+@pytest.mark.long
+def test_the_same_mesh_is_the_fine_one_and_solved_here() -> None:
+    result = judged(SMOOTHED, 0.007)
+    same = {c.metric: c for c in result.checks if c.against == "same_mesh"}
+    assert {"displacement_l2", "tool_force", "volume"} <= set(same)
+    assert all(check.verdict is Verdict.PASSED for check in same.values())
+    assert not any("needs FEniCSx" in note for note in result.notes)
+
+    def perturbed(problem: Problem, strain: Strain, progress: Progress) -> State:
+        state = SMOOTHED.solve(problem, strain, progress)
+        moved = state.displacement.copy()
+        # A point that the case's mesh has not.
+        moved[-1] += 1e-3 * np.abs(moved).max()
+        return dataclasses.replace(state, displacement=moved)
+
+    wrong = judged(dataclasses.replace(SMOOTHED, solve=perturbed), 0.007)
+    assert {c.metric for c in wrong.checks if c.verdict is Verdict.FAILED} >= {"displacement_l2"}
