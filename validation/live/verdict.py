@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -32,6 +32,7 @@ from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableE
 from palpate.reference.result import LOST, REMEDY_OF_YIELD, YIELDS
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
+from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
 from palpate.validation.judging.results import CheckResult
@@ -167,6 +168,35 @@ def true_references(
     return with_geometry(
         case, found, progress, strains=(Strain.GREEN,), request=request, seconds=_OF_GEOMETRY
     )
+
+
+def without_grades(
+    case: Case, panes: Sequence[PoseOfPane]
+) -> tuple[Case, list[PoseOfPane], Callable[[Floats], Floats]]:
+    """The case and the poses on the mesh before it was graded, where the graded one is too large.
+
+    The body is the same, and the points are the first of the graded mesh. A truth that begins
+    there is refined where its own error comes from, and has room for more than one mesh.
+
+    Returns:
+        The case, the poses, and what reads numbers at its points at those of the graded mesh,
+        linearly between them.
+    """
+    if not case.spec.mesh.grade or 2.0 * unknowns_of(case.problem) <= UNKNOWNS:
+        return case, list(panes), lambda numbers: numbers
+    mesh = case.mesh.mesh
+    spec = case.spec.model_copy(update={"mesh": case.spec.mesh.model_copy(update={"grade": ()})})
+    plain = replace(case, spec=spec)
+    given, count = plain.mesh.mesh, plain.mesh.mesh.num_points
+    if not np.array_equal(given.points, mesh.points[:count]):
+        return case, list(panes), lambda numbers: numbers
+    at = locate_points(given, mesh)
+
+    def read(numbers: Floats) -> Floats:
+        found: Floats = at.read(given.cells, numbers)
+        return found
+
+    return plain, [pane._replace(displacement=pane.displacement[:count]) for pane in panes], read
 
 
 def _require_small(case: Case) -> None:
@@ -342,8 +372,12 @@ def main(words: list[str]) -> int:
             print(json.dumps({"kind": "note", "text": text}), flush=True)
         known = same_mesh_references(case, panes, progress)
         say(path, SAME_MESH, judge_panes(SAME_MESH, case, panes, known), used, size)
-        found = true_references(case, panes, known, progress)
-        say(path, TRUTH, judge_panes(TRUTH, case, panes, found), used, size)
+        plain, cut, read = without_grades(case, panes)
+        if plain is not case:
+            known = same_mesh_references(plain, [], progress)
+        found = true_references(plain, cut, known, progress)
+        rows = judge_panes(TRUTH, plain, cut, found)
+        say(path, TRUTH, [row._replace(error=read(row.error)) for row in rows], used, size)
     except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
         print(error, file=sys.stderr, flush=True)
         return 3

@@ -24,6 +24,7 @@ from palpate.validation.live.verdict import (
     read_pose,
     same_mesh_references,
     true_references,
+    without_grades,
 )
 from palpate.validation.references.reference_set import ReferenceSet
 
@@ -43,14 +44,16 @@ def pressed(
     name: str = "block",
     *,
     near: Element | None = None,
+    edge: float | None = None,
 ) -> tuple[Case, list[PoseOfPane], Settling]:
     """The block with a ball [mm] pressed in along -x [mm], until it rests; or another body.
 
-    Of linear tetrahedra, or, with small cells near the ball, of those that are named.
+    Of linear tetrahedra, or, with small cells near the ball, of those that are named, and of edges
+    of that length [m] there.
     """
     case, touch = load_case(name), Touch({"shape": "sphere", "radius": radius}, mass_damping=100.0)
     if near is not None:
-        case, touch = near_touch(case, touch)
+        case, touch = near_touch(case, touch, edge)
     elements = (near or Element.LINEAR,)
     live = live_case(case, touch, elements)
     panes = make_panes(live.problem, Surface(live.problem), elements)
@@ -159,6 +162,27 @@ def test_the_force_on_a_ball_is_that_of_the_truth_with_small_cells_near_it(tmp_p
     check = judge.check(spec, pane.state(case.problem, Strain.GREEN), "")
     assert (check.verdict, check.limit) == ("passed", 0.07), check.message
     light = pane._replace(force=0.85 * pane.force).state(case.problem, Strain.GREEN)
+    assert judge.check(spec, light, "").verdict == "failed"
+
+
+def test_the_force_on_a_ball_on_the_kidney_is_that_of_the_truth(tmp_path: Path) -> None:
+    """On 13 287 cells a truth has no room: it begins on the mesh that was graded."""
+    # 2 mm deep: the ball of 30 mm is 11.46 mm away, of which `pressed` counts 8.63.
+    case, panes, _ = pressed(
+        4.83, tmp_path, radius=30.0, name="kidney", near=Element.SMOOTHED, edge=0.004
+    )
+    plain, cut, read = without_grades(case, panes)
+    assert plain.problem.mesh.num_cells < 0.5 * case.problem.mesh.num_cells
+    x = case.problem.mesh.points[:, 0]
+    np.testing.assert_allclose(read(x[: plain.problem.mesh.num_points]), x, atol=1e-12)
+    known = same_mesh_references(plain, [], lambda _: None)
+    found = true_references(plain, cut, known, lambda _: None)
+    (spec,) = (check for check in plain.checks if check.metric == "tool_force")
+    (pane,) = (pane for pane in cut if pane.strain is Strain.GREEN)
+    judge = CaseJudge(plain, found.of_element(pane.element))
+    check = judge.check(spec, pane.state(plain.problem, Strain.GREEN), "")
+    assert (check.verdict, check.limit) == ("passed", 0.07), check.message
+    light = pane._replace(force=0.85 * pane.force).state(plain.problem, Strain.GREEN)
     assert judge.check(spec, light, "").verdict == "failed"
 
 
