@@ -261,7 +261,7 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        52990,
+        53220,
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, also on the page, force that ripples; "
@@ -275,7 +275,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64540,
+        64650,
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
@@ -293,7 +293,7 @@ LINES = {
     ),
     "validation/candidates": (1545, "issue 34: what is asked for beside what a result states"),
     "validation/case": (
-        4240,
+        4250,
         "issue 38: [mesh] beside a mesh file is refused; "
         "issue 37: no slivers where labels meet; "
         "issue 35: a case on small cells near tools; issue 37: coarser labels; "
@@ -318,12 +318,13 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4500,
+        "issue 35: small cells near tools, by the stored truth; "
+        4650,
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3430,
+        3460,
         "issue 38: poses too deep and bodies too large are refused at once; "
         "issue 35: small cells where the page's tool touches first; "
         "issue 34: how the page is opened, and what recordings may not replace; "
