@@ -318,8 +318,8 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        "issue 35: small cells near tools, by the stored truth; "
         4650,
+        "issue 35: small cells near tools, by the stored truth; "
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
