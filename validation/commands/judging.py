@@ -266,6 +266,7 @@ def report(
     from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
+    from palpate.validation.judging.case_references import is_truth_stored
     from palpate.validation.judging.judge import judge_case, suitable_cases
     from palpate.validation.output_files import input_files
     from palpate.validation.report.html import write_report
@@ -304,7 +305,13 @@ def report(
     if every:
         loaded = suitable_cases(loaded, candidates, progress)
     results = [
-        judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
+        judge_case(
+            c,
+            live=c.near_tool is None or not is_truth_stored(c),
+            candidate=candidates,
+            precision=precision,
+            progress=progress,
+        )
         for c in loaded
     ]
     with run_folder(output, inputs=inputs) as fresh:

@@ -5,6 +5,7 @@ On the same mesh it is stepped as the caller asks for it, so that what is left i
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -69,6 +70,14 @@ def find_references(
         else "solve it here with --live, which needs FEniCSx (see README)"
     )
     raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+
+
+def is_truth_stored(case: Case) -> bool:
+    """Whether there is a valid stored truth of the case, on whichever mesh it is judged."""
+    try:
+        return _load_stored(dataclasses.replace(case, near_tool=None)) is not None
+    except (MissingReferenceError, StaleReferenceError):
+        return False
 
 
 def _load_stored(case: Case) -> ReferenceSet | None:

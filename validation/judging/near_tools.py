@@ -82,6 +82,7 @@ def judge_near_tools(
         provenance={
             **first.provenance,
             "mesh": found[-1].provenance["mesh"],
+            "near_tool": True,
             # Each covers its own checks.
             "input_key": text_hash(*(str(each.provenance["input_key"]) for each in found)),
         },

@@ -63,6 +63,7 @@ def provenance_of(
         "input_key": input_key(case, references, precision),
         "case_file": case.file,
         "called": case.called,
+        "near_tool": case.near_tool is not None,
         "mesh": {
             "origin": case.mesh_origin,
             "num_points": mesh.num_points,

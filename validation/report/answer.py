@@ -206,7 +206,7 @@ def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> 
             "Its mesh is too coarse for linear tetrahedra: judge smoothed ones on the same mesh."
         )
         return (Step(words, (_SMOOTHED.format(called),)),)
-    if is_ours and result.problem.tools and not _is_near_tool(result):
+    if is_ours and result.problem.tools and not result.provenance.get("near_tool"):
         words = "The mesh is too coarse under the tool: judge smoothed ones with small cells there."
         return (Step(words, (f"{_SMOOTHED.format(called)} --near-tool",)),)
     words = (
@@ -246,15 +246,13 @@ def _decide_it(result: CaseResult, far: Sequence[CheckResult], called: str) -> S
 def _again(result: CaseResult, judged: Judged, called: str) -> tuple[str, ...]:
     """The command that judges one candidate again: the one that was given, if it was one."""
     if _is_ours(result, judged):
+        if result.provenance.get("near_tool"):
+            called += " --near-tool"
         is_linear = judged.element is Element.LINEAR
         return (f"palpate gate {called}" if is_linear else _SMOOTHED.format(called),)
     given = str(result.provenance.get("command", ""))
     is_one = given.startswith(("palpate gate ", "palpate report ", "palpate compare "))
     return (given,) if is_one else ()
-
-
-def _is_near_tool(result: CaseResult) -> bool:
-    return "--near-tool" in str(result.provenance.get("command", ""))
 
 
 def _is_ours(result: CaseResult, judged: Judged) -> bool:

@@ -74,9 +74,10 @@ def test_where_both_elements_fail_under_a_tool_its_cells_are_to_be_small() -> No
     (step,) = trust_of(result).next
     assert "small cells there" in step.says
     assert step.commands == ("palpate gate press --element smoothed --near-tool",)
-    near = {**result.provenance, "command": "palpate gate press --near-tool --element both"}
+    near = {**result.provenance, "near_tool": True}
     (step,) = trust_of(dataclasses.replace(result, provenance=near)).next
     assert "halve its edges" in step.says
+    assert step.commands[-1] == "palpate gate press --near-tool"
 
 
 def test_of_a_case_that_passed(smoothed: CaseResult, tmp_path: Path) -> None:
