@@ -261,7 +261,7 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        53220,
+        53270,
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, also on the page, force that ripples; "
@@ -275,7 +275,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64650,
+        64690,
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
@@ -301,7 +301,7 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2760,
+        2790,
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 38: each case of a gate has its verdict, cells inside out; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
@@ -318,7 +318,7 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4650,
+        4670,
         "issue 35: small cells near tools, by the stored truth; "
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",

@@ -373,6 +373,7 @@ def _judged(
     progress: Progress,
 ) -> CaseResult:
     """Judge candidates on a case under the law, precision and contact that are asked for."""
+    from palpate.validation.judging.case_references import is_to_be_solved
     from palpate.validation.judging.judge import judge_case
 
     if law is not None:
@@ -382,7 +383,7 @@ def _judged(
     granted = None if precision is None else known_word(Precision, precision, "precision")
     return judge_case(
         case,
-        live=live or case.is_changed,
+        live=live or is_to_be_solved(case),
         candidate=candidates,
         precision=granted,
         progress=progress,

@@ -279,14 +279,13 @@ class Case:
 
     @property
     def is_changed(self) -> bool:
-        """Whether law or contact is not the file's, for which no reference is stored."""
+        """Whether law or contact is not the file's."""
         return any((self.other_law, self.other_contact))
 
     def under(self, law: Law) -> Case:
         """The same case of a body with the same moduli at rest that follows another law.
 
-        Published numbers are of the case's own law: they are not checked. No stored reference
-        exists for it either.
+        Published numbers are of the case's own law: they are not checked.
 
         Raises:
             InputError: The law has constants that the case does not give.

@@ -108,6 +108,7 @@ def gate(
     from palpate.validation.candidates.faults import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.judging import expectation, outputs
+    from palpate.validation.judging.case_references import is_to_be_solved
     from palpate.validation.judging.judge import (
         judge_case,
         judge_cases,
@@ -208,14 +209,14 @@ def gate(
     elif (
         simulator is None
         and fault is Fault.NONE
-        and not (live or any(c.is_changed for c in loaded))
+        and not (live or any(is_to_be_solved(c) for c in loaded))
     ):
         results = judge_cases(loaded, candidates, precision=precision, progress=progress)
     else:
         results = each(
             lambda c: judge_case(
                 c,
-                live=live or c.is_changed,
+                live=live or is_to_be_solved(c),
                 candidate=candidates,
                 precision=precision,
                 progress=progress,
@@ -355,6 +356,7 @@ def compare(
     from palpate.validation.case import load_case
     from palpate.validation.exchange.result_files import read_result, room_for_result
     from palpate.validation.judging import outputs
+    from palpate.validation.judging.case_references import is_to_be_solved
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
 
@@ -365,7 +367,7 @@ def compare(
     read_result(result, most_bytes=room_for_result(loaded.problem))
     judged = judge_case(
         loaded,
-        live=live or loaded.is_changed,
+        live=live or is_to_be_solved(loaded),
         candidate=result_candidate(result, element, asked),
         precision=precision,
         progress=progress_lines(),
@@ -422,6 +424,7 @@ def _as_asked(
         ReferenceUnavailableError: They are judged, and their reference cannot be solved here.
     """
     from palpate.reference.availability import require_available
+    from palpate.validation.judging.case_references import is_to_be_solved
 
     found = [case if contact is None else case.with_contact(contact) for case in cases]
     if near_tool or near_tool_edge is not None:
@@ -429,7 +432,7 @@ def _as_asked(
         found = [case.near_tools(edge) for case in found]
     if laws:
         found = [case.under(one) for case in found for one in dict.fromkeys(laws)]
-    if is_judged and any(case.is_changed for case in found):
+    if is_judged and any(is_to_be_solved(case) for case in found):
         require_available()
     return found
 

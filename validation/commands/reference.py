@@ -10,12 +10,14 @@ import random
 import secrets
 import time
 from collections.abc import Callable
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.validation.commands.options import print_lines, progress_lines
 from palpate.validation.output_files import require_reference_file
 from palpate.validation.states import ExitCode, gravest
@@ -32,6 +34,29 @@ Cases = Annotated[
 ]
 
 
+UnderLaw = Annotated[
+    Law | None, typer.Option(help="of the same bodies under this law, for `gate --law`")
+]
+
+
+def _under(name: str, law: Law | None) -> Case:
+    from palpate.validation.case import load_case
+
+    case = load_case(name)
+    return case if law is None else case.under(law)
+
+
+def _stored_cases(name: str) -> list[Case]:
+    """The case, and the same under each other law for which a reference is stored."""
+    from palpate.validation.case import load_case
+    from palpate.validation.references.stored import accepted_path
+
+    case = load_case(name)
+    laws = [law for law in Law if law is not case.spec.material.law]
+    is_there = [accepted_path(f"{case.name}-{law}", case.beside).is_file() for law in laws]
+    return [case, *(case.under(law) for law in compress(laws, is_there))]
+
+
 def _chosen(names: list[str] | None) -> list[str]:
     from palpate.validation.case import builtin_cases
 
@@ -40,12 +65,10 @@ def _chosen(names: list[str] | None) -> list[str]:
 
 def _print_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) -> None:
     """Print the lines on each case's accepted reference; all refusals come last."""
-    from palpate.validation.case import load_case
     from palpate.validation.references.stored import accepted_path
 
     troubles = []
-    for name in names:
-        case = load_case(name)
+    for name, case in ((of, case) for of in names for case in _stored_cases(of)):
         try:
             found = lines(case, name, accepted_path(case.name, case.beside))
         except InputError as error:
@@ -63,9 +86,8 @@ def _processor_seconds() -> float:
 
 
 @app.command()
-def build(names: Cases = None) -> None:
+def build(names: Cases = None, law: UnderLaw = None) -> None:
     """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx."""
-    from palpate.validation.case import load_case
     from palpate.validation.judging.case_references import truth_request
     from palpate.validation.references.geometry import with_geometry
     from palpate.validation.references.statics import solve_for_storing
@@ -76,8 +98,9 @@ def build(names: Cases = None) -> None:
         store,
     )
 
+    option = "" if law is None else f" --law {law}"
     for name in _chosen(names):
-        case = load_case(name)
+        case = _under(name, law)
         require_reference_file(pending_path(case.name, case.beside))
         request = truth_request(case)
         progress = progress_lines()
@@ -95,7 +118,7 @@ def build(names: Cases = None) -> None:
         )
         provenance: dict[str, Any] = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "command": f"palpate reference build {case.name}",
+            "command": f"palpate reference build {case.path.stem}{option}",
             "palpate": version_of("palpate"),
             **found.provenance,
             "seconds": round(time.perf_counter() - clock, 1),
@@ -105,7 +128,7 @@ def build(names: Cases = None) -> None:
         store(case.name, case.problem, found, provenance, path=path)
         print(path)
         print_lines(describe_changes(accepted_path(case.name, case.beside), path), "  ")
-        print(f"  not used before `palpate reference accept {name} --reason TEXT`")
+        print(f"  not used before `palpate reference accept {name}{option} --reason TEXT`")
 
 
 @app.command()
@@ -189,9 +212,9 @@ def accept(
     names: Annotated[list[str], typer.Argument(help="built-in names, or .toml files")],
     reason: Annotated[str, typer.Option(help="why the new one is right; stored with it")],
     by: Annotated[str | None, typer.Option(help="who says so; default: the user's name")] = None,
+    law: UnderLaw = None,
 ) -> None:
     """Make what was built the reference, and keep who said so, why, and what changed."""
-    from palpate.validation.case import load_case
     from palpate.validation.references.stored import (
         accept_pending,
         accepted_path,
@@ -202,7 +225,7 @@ def accept(
     if not reason.strip():
         raise InputError("--reason is empty; say why the new reference is right")
     for name in names:
-        case = load_case(name)
+        case = _under(name, law)
         pending = pending_path(case.name, case.beside)
         require_reference_file(accepted_path(case.name, case.beside))
         changes = describe_changes(accepted_path(case.name, case.beside), pending)

@@ -80,15 +80,22 @@ def is_truth_stored(case: Case) -> bool:
         return False
 
 
+def is_to_be_solved(case: Case) -> bool:
+    """Whether its law or contact is not the file's, and no truth is stored for that."""
+    return case.is_changed and not is_truth_stored(case)
+
+
 def _load_stored(case: Case) -> ReferenceSet | None:
     """A built-in case's reference; of one's own case, what lies in `references` beside it.
 
-    None of a body that follows another law than its case's, with other contact or small cells.
+    Under another law than the case's what lies there for that law; None of other contact, or of
+    small cells near tools.
     """
-    if case.is_changed or case.near_tool is not None:
+    if case.other_contact is not None or case.near_tool is not None:
         return None
     folder = references_folder(case.beside)
-    if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
+    is_optional = case.other_law is not None or not case.is_builtin
+    if is_optional and not (folder / f"{case.name}.npz").is_file():
         return None
     return load_stored(case.name, case.problem, folder=folder, called=case.called)
 

@@ -16,6 +16,7 @@ from palpate.reference.availability import require_available
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
+from palpate.validation.judging.case_references import is_to_be_solved
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.peers.registry import ADAPTERS, Peer, read_peers
@@ -264,7 +265,7 @@ def _judge(peer: Peer, environment: Installed, case: Case, time_limit: float) ->
     command = OutsideSimulator(" ".join([*words, *options]), time_limit)
     try:
         candidate = outside_candidate(command, element=peer.element)
-        result = judge_case(case, live=case.is_changed, candidate=candidate)
+        result = judge_case(case, live=is_to_be_solved(case), candidate=candidate)
     except InputError as error:
         return Judgement(environment.version, case.name, Verdict.SKIPPED, words=str(error))
     return _judgement(environment.version, case, result, peer.scatter)

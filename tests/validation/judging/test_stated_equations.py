@@ -17,9 +17,11 @@ from judged import GREEN, case_of, failed, judged_by, on_same_mesh, references_o
 from numpy.typing import ArrayLike
 
 import palpate
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element, Law, Problem, Strain
 from palpate.meshes.rigid_tool import ContactRule
+from palpate.reference import availability
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.candidates.candidate import result_candidate
@@ -27,6 +29,7 @@ from palpate.validation.candidates.equations import AskedSteps, differences
 from palpate.validation.case import Case, load_case
 from palpate.validation.commands.options import near_tool_metres
 from palpate.validation.judging import outputs
+from palpate.validation.judging.case_references import is_to_be_solved
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.judging.run_comparison import compare_runs
@@ -367,6 +370,39 @@ def test_a_state_does_not_choose_its_element() -> None:
     assert len(stated(chosen)) == 1
     asked = palpate.compare(case_of("block"), smoothed, element="smoothed")
     assert asked.verdict is Verdict.PASSED
+
+
+# Cases whose truths are stored under these laws too.
+STORED_LAWS = [
+    (name, law)
+    for name in ("block", "stretch", "shear", "confined", "cantilever")
+    for law in (Law.NEO_HOOKEAN, Law.COROTATIONAL)
+]
+
+
+@pytest.mark.parametrize(("name", "law"), STORED_LAWS)
+def test_another_law_is_judged_by_what_is_stored_for_it(
+    name: str, law: Law, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(availability, "is_available", lambda: False)
+    case = load_case(name)
+    other = case.under(law)
+
+    def of_law(problem: Problem) -> Points:
+        assert problem.material.law is law
+        return palpate.solve(problem, element="smoothed").displacement
+
+    def of_case(_problem: Problem) -> Points:
+        return palpate.solve(case.problem, element="smoothed").displacement
+
+    right = palpate.judge(case, of_law, law=law, element="smoothed")
+    same = {check.verdict for check in right.checks if check.against == "same_mesh"}
+    # A function solves with the case's strain measure alone.
+    assert same - {Verdict.SKIPPED} == {Verdict.PASSED}
+    wrong = palpate.judge(case, of_case, law=law, element="smoothed")
+    assert wrong.verdict is Verdict.FAILED
+    assert (other.is_changed, is_to_be_solved(other)) == (True, False)
+    assert is_to_be_solved(case.under(Law.NEO_HOOKEAN_STABLE))
 
 
 def test_contact_is_asked_for_on_every_tool() -> None:
