@@ -414,10 +414,7 @@ def _write(path: str | Path, suffix: str, mesh: Any) -> None:
             # Only version 2.2 has physical groups without entities of a geometry.
             version = "2.2" if mesh.field_data else "4.1"
             meshio.gmsh.write(temporary, mesh, version, binary=True)
-        elif suffix == ".vtu":
-            # Compressed, a large mesh takes longer to write than to make.
-            meshio.vtu.write(temporary, mesh, binary=True, compression=None)
-        elif suffix in (".vtk", ".ply", ".stl"):
+        elif suffix in (".vtu", ".vtk", ".ply", ".stl"):
             meshio.write(temporary, mesh, binary=True)
         else:
             # OBJ and OFF are text; the default formats drop digits.

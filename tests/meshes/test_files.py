@@ -164,7 +164,7 @@ def test_a_failed_write_leaves_the_old_file(
     def full(*_args: object, **_kwargs: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("meshio.vtu.write", full)
+    monkeypatch.setattr("meshio.write", full)
     with pytest.raises(OSError, match="No space"):
         write_mesh(path, BANK["eight cells"])
     assert path.read_bytes() == before

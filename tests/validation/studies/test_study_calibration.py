@@ -19,7 +19,6 @@ from calibration_recipe.shapes import confined_modulus
 from calibration_recipe.smooth import smooth_problem
 from scipy.optimize import brentq
 
-from palpate import validation
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
@@ -107,7 +106,7 @@ def test_a_store_that_has_changed_is_refused(tmp_path, name) -> None:
 
 def test_documentation_counts_what_the_store_has() -> None:
     """One number is stated, in one place; the help of `palpate study` states none."""
-    page = Path(validation.__file__).parent / "documentation" / "meshing.md"
+    page = Path(__file__).parents[3] / "validation" / "documentation" / "meshing.md"
     stated = re.findall(r"against (\d+) known solutions", page.read_text("utf-8"))
     assert stated == [str(len(known_problems()))]
     assert not re.search(r"\d", STUDIES["calibration"])
