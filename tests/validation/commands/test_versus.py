@@ -155,7 +155,7 @@ def test_a_case_under_another_law_keeps_its_moduli_and_drops_published_numbers()
 
 def test_no_stored_reference_is_taken_for_another_law(command_line, monkeypatch, capsys) -> None:
     monkeypatch.setattr("palpate.reference.availability.is_available", lambda: False)
-    assert command_line("gate", "block", "--law", "neo-hookean") == 2
+    assert command_line("gate", "block", "--law", "neo-hookean-stable") == 2
     assert "FEniCSx" in capsys.readouterr().err
 
 
