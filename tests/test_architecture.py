@@ -275,7 +275,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64690,
+        64700,
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "

@@ -98,7 +98,7 @@ DEFECTS: dict[str, Callable[[TriSurface, Rng], Perturbed]] = {
     "crumpled patch": lambda body, rng: crumpled(body, 0.4, rng),
     "patch pushed over its neighbours": lambda body, rng: pushed(body, 1.5, rng, inwards=False),
     "fins": lambda body, rng: finned(body, 4, rng),
-    "crumbs": lambda body, rng: with_crumbs(body, 10, rng, is_dropped=True),
+    "tiny loose parts": lambda body, rng: with_crumbs(body, 10, rng, is_dropped=True),
     "T-junctions": lambda body, rng: hanging(body, 10, rng),
     "facets torn apart": lambda body, rng: torn(body, 1e-5, rng),
 }

@@ -32,8 +32,8 @@ JudgeOne: TypeAlias = Callable[[Case, Sequence[Candidate], bool], CaseResult]
 _Solutions: TypeAlias = dict[Strain, State | CandidateFailedError]
 
 _NOT_HERE = (
-    "The small cells are not compared with the reference on the same mesh: that is solved here, "
-    "which needs FEniCSx (see README)."
+    "Not judged: the reference on the small cells is not stored, and solving it needs FEniCSx "
+    "(see README): {}."
 )
 
 
@@ -62,11 +62,14 @@ def judge_near_tools(
             _at_points(one, finer, known) for one, known in zip(candidates, solved, strict=True)
         ]
         found.append(judge_one(plain, at_points, False))
-    if about_mesh and availability.is_available():
+    # Where nothing else is judged, what is missing is an error.
+    if about_mesh and (availability.is_available() or not found):
         again = [_again(one, known) for one, known in zip(candidates, solved, strict=True)]
         found.append(judge_one(_with_checks(case, about_mesh), again, True))
-    elif found:
-        found[0] = replace(found[0], notes=(*found[0].notes, _NOT_HERE))
+    elif about_mesh:
+        left_out = ", ".join(f"{spec.metric} ({spec.against})" for spec in about_mesh)
+        note = _NOT_HERE.format(left_out)
+        found[0] = replace(found[0], notes=(*found[0].notes, note))
     first, *others = found
     candidates_then = zip(*(each.candidates for each in found), strict=True)
     return replace(

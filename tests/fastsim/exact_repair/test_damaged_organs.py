@@ -1,4 +1,4 @@
-"""Fourteen kinds of damage on organs: mended within the limits, or refused soon and with advice."""
+"""Fourteen kinds of damage on organs: repaired within the limits, or refused soon with advice."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from palpate.meshes.shapes import shape_tube
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 
-# Damage that is mended on any body; the rest is mended or refused.
-ALWAYS_MENDED = {
+# Damage that is repaired on any body; the rest is repaired or refused.
+ALWAYS_REPAIRED = {
     "holes of 3 to 12 edges", "hole of 30 edges", "flipped facets", "facets given twice",
     "sheet a hundredth of an edge beside", "bodies overlapping by 0.3 edges", "fins",
     "T-junctions", "facets torn apart",
@@ -37,7 +37,7 @@ def is_solid(surface: TriSurface) -> bool:
 
 
 def damage_and_repair(body: TriSurface, defect: str, seed: list[int]) -> str:
-    """What came of it: sound as it was given, mended, or refused."""
+    """What came of it: sound as it was given, repaired, or refused."""
     given = DEFECTS[defect](body, np.random.default_rng(seed))
     if is_solid(given.surface):
         return "sound"
@@ -48,18 +48,18 @@ def damage_and_repair(body: TriSurface, defect: str, seed: list[int]) -> str:
         assert time.process_time() - start <= LONGEST
         return "refused"
     assert is_solid(made.surface)
-    return "mended"
+    return "repaired"
 
 
 @pytest.mark.parametrize("defect", ["sheet a hundredth of an edge beside", "T-junctions", "fins"])
 def test_three_kinds_on_a_ball(defect: str) -> None:
-    assert damage_and_repair(ball(), defect, [0, 0]) == "mended"
+    assert damage_and_repair(ball(), defect, [0, 0]) == "repaired"
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(0)  # each surface has its own limit
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_damaged_organs_are_mended_or_refused_soon(defect: str) -> None:
+def test_damaged_organs_are_repaired_or_refused_soon(defect: str) -> None:
     number = list(DEFECTS).index(defect)
     bodies = [kidney(), ball(), shape_tube(0.02, 0.014, 0.06, edge_length=4e-3)]
     found = Counter(
@@ -68,5 +68,5 @@ def test_damaged_organs_are_mended_or_refused_soon(defect: str) -> None:
         for seed in range(2)
     )
     print(f"{defect}: {dict(found)}")
-    if defect in ALWAYS_MENDED:
+    if defect in ALWAYS_REPAIRED:
         assert found["refused"] == 0

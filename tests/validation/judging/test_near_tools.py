@@ -13,6 +13,7 @@ from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.references.stored import MissingReferenceError
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
 
 SMOOTHED = fastsim_candidate(element=Element.SMOOTHED)
@@ -45,7 +46,7 @@ def test_the_stored_truth_is_nearer_on_small_cells_than_on_the_case_s() -> None:
     assert of_truth(near)["displacement_l2"] < 0.5 * of_truth(plain)["displacement_l2"]
     assert of_truth(near)["tool_force"] < 0.5 * of_truth(plain)["tool_force"]
     assert any("Solved on 4433 cells" in note for note in near.notes)
-    assert any("needs FEniCSx" in note for note in near.notes)
+    assert any("needs FEniCSx" in note and "smallest_det_f" in note for note in near.notes)
     assert all(check.against != "same_mesh" for check in near.checks)
 
 
@@ -66,6 +67,15 @@ def test_a_wrong_or_failed_result_on_small_cells_is_seen() -> None:
     result = judged(dataclasses.replace(SMOOTHED, solve=breaks))
     assert result.verdict is Verdict.FAILED
     assert len(calls) == len(set(calls))
+
+
+@pytest.mark.usefixtures("without_fenicsx")
+def test_a_case_without_a_check_against_the_truth_is_refused_without_fenicsx() -> None:
+    case = load_case("press")
+    own = tuple(spec for spec in case.checks if spec.against != "truth")
+    case = dataclasses.replace(case, spec=case.spec.model_copy(update={"check": own}))
+    with pytest.raises(MissingReferenceError, match="FEniCSx"):
+        judge_case(case.near_tools(EDGE), candidate=SMOOTHED)
 
 
 @pytest.mark.dolfinx
