@@ -14,7 +14,7 @@ cd "$(dirname "$0")/.."
 VENV="${VENV:-.venv}"
 WANTED="${FENICSX:-}"
 STATE="$VENV/.palpate"
-LOG="build/setup.log"
+LOG="build/setup-$(basename "$VENV").log"
 mkdir -p build
 
 say() { printf 'setup: %s\n' "$*"; }
@@ -38,8 +38,10 @@ esac
 APT_PACKAGES="python3-dolfinx python3-venv python3-dev python3-h5py libopenblas0-pthread g++ \
 libegl1 libgl1 libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 
-as_root() {
-    if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi
+apt_get() { # as root; another set-up may be at it
+    local root=""
+    [ "$(id -u)" = 0 ] || root="sudo -n"
+    $root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=900 "$@"
 }
 apt_missing() {
     local name
@@ -78,7 +80,7 @@ apt_possible() { # sets APT_WHY when not
     fi
     if ! apt_offers_dolfinx; then
         say "refreshing apt's package lists"
-        as_root apt-get update >>"$LOG" 2>&1 || true
+        apt_get update >>"$LOG" 2>&1 || true
         if ! apt_offers_dolfinx; then
             APT_WHY="apt has no python3-dolfinx here"
             return 1
@@ -147,16 +149,14 @@ if ! recorded environment "$ENVIRONMENT"; then
         missing="$(apt_missing | tr '\n' ' ')"
         if [ -n "$missing" ]; then
             say "installing by apt (a few minutes, about 1.5 GB): $missing"
-            as_root apt-get update >>"$LOG" 2>&1 || true
+            apt_get update >>"$LOG" 2>&1 || true
             # shellcheck disable=SC2086
-            logged as_root env DEBIAN_FRONTEND=noninteractive \
-                apt-get install -y --no-install-recommends $missing
+            logged apt_get install -y --no-install-recommends $missing
         fi
         # Only tests want these: another code on the same mesh, and more than one rank.
         for extra in calculix-ccx:ccx openmpi-bin:mpirun; do
             if ! command -v "${extra#*:}" >/dev/null && may_install; then
-                as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y \
-                    --no-install-recommends "${extra%:*}" >>"$LOG" 2>&1 ||
+                apt_get install -y --no-install-recommends "${extra%:*}" >>"$LOG" 2>&1 ||
                     say "${extra%:*} could not be installed; its tests are skipped"
             fi
         done
@@ -171,10 +171,9 @@ sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.
         if [ -n "$wanted" ]; then
             if command -v apt-get >/dev/null && may_install; then
                 say "installing by apt: $wanted"
-                as_root apt-get update >>"$LOG" 2>&1 || true
+                apt_get update >>"$LOG" 2>&1 || true
                 # shellcheck disable=SC2086
-                logged as_root env DEBIAN_FRONTEND=noninteractive \
-                    apt-get install -y --no-install-recommends $wanted
+                logged apt_get install -y --no-install-recommends $wanted
             else
                 die "needed to build the simulator's core, and not here: $wanted (remedy: install them)"
             fi

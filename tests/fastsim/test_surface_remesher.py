@@ -91,8 +91,8 @@ def test_a_cylinder_keeps_volume_and_sharp_rims() -> None:
 
 
 def test_a_distance_too_small_for_the_volume_is_kept_and_said() -> None:
-    fine = shape_sphere(1.0, edge_length=0.1)
-    new, _ = remesh_surface(fine, distance=0.03, edge_length=0.3)
+    fine = shape_sphere(1.0, edge_length=0.2)
+    new, _ = remesh_surface(fine, distance=0.03, edge_length=0.4)
     points = np.ascontiguousarray(new.points * (1.0 - 0.02))
     given = (np.ascontiguousarray(fine.points), np.ascontiguousarray(fine.facets))
     kept = keep_volume(points, new.facets, given, distance=0.03, reached=0.02)

@@ -28,7 +28,7 @@ from palpate.meshes.tri_surface import TriSurface
 LONGEST = 5
 # The same where VTK tries what meshio refuses: a busy machine takes some seconds to start it, and
 # 300 are given to it. So by day a .vtk is cut at ends of lines and at every so many bytes.
-LONGEST_OF_VTK, STEP_OF_VTK = 60, 17
+LONGEST_OF_VTK, STEP_OF_VTK = 60, 67
 READ = """
 import re, signal
 from pathlib import Path

@@ -71,6 +71,7 @@ def test_outputs_of_a_gate(palpate_run: Run, folder: Path, more: str, where: str
 
 
 @pytest.mark.dolfinx
+@pytest.mark.slow
 def test_a_report(palpate_run: Run, folder: Path) -> None:
     program = f"{sys.executable} {folder / 'sim.py'} {{case}} {{result}}"
     words = ("report", folder / "block.toml", "-o", folder / "out", "--simulator", program)

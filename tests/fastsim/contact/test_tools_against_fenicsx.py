@@ -171,7 +171,10 @@ def test_vertices_that_are_held_in_part(rule: ContactRule) -> None:
 @pytest.mark.parametrize("name", ["sphere", "capsule", "plane", "surface"])
 def test_averages_over_facets(name: str, element: Element) -> None:
     """The multipliers of neighbours are found by two algorithms: the same ones."""
-    assert_alike(slab(over(ContactRule.FACETS, TOOLS[name])), Strain.GREEN, element)
+    problem = slab(over(ContactRule.FACETS, TOOLS[name]))
+    if name == "surface":  # the reference takes 40 ms a step here: pressed, and a little of its way
+        problem = dataclasses.replace(problem, time=TimeSpan(0.22, 5e-4, 5.0, 11))
+    assert_alike(problem, Strain.GREEN, element)
 
 
 def test_what_is_known_at_vertices_only_is_refused_by_both() -> None:

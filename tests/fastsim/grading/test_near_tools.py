@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.fastsim.grading import near_tools
 from palpate.fastsim.grading.near_tools import GROWTH, refine_near_tools
 from palpate.fastsim.grading.size_fields import TooManyCellsError, mean_edges
 from palpate.meshes.errors import InputError
@@ -64,7 +65,9 @@ def test_a_motion_takes_a_step_of_its_own() -> None:
         assert mean_edges(fine.mesh.points, fine.mesh.cells[at]).max() <= 0.006 * (1.0 + 1e-9)
 
 
-def test_what_cannot_be_refined_so_is_refused(press: Problem) -> None:
+def test_what_cannot_be_refined_so_is_refused(
+    press: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tool,) = press.tools
     without = dataclasses.replace(press, tools=())
     lifted = np.array(tool.path.positions)
@@ -78,6 +81,7 @@ def test_what_cannot_be_refined_so_is_refused(press: Problem) -> None:
     ):
         with pytest.raises(InputError, match=words):
             refine_near_tools(problem)
+    monkeypatch.setattr(near_tools, "MOST_CELLS", 20_000)
     with pytest.raises(TooManyCellsError):
         refine_near_tools(press, 1e-5)
     with pytest.raises(InputError, match="above 0"):

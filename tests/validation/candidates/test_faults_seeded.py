@@ -74,7 +74,7 @@ def test_faults_leave_the_rest_alone(problem: Problem) -> None:
     assert faults.corrupt_problem(problem, Fault.DROPPED_LOAD).loads == problem.loads[:-1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
     from palpate.validation.judging import outputs
 

@@ -112,8 +112,8 @@ class Body:
             K = np.kron(np.eye(len(u)), TURN) @ K
         return K
 
-    def push(self, u):
-        """Pressure on the facets as they lie, and its tangent."""
+    def push(self, u, *, with_tangent=True):
+        """Pressure on the facets as they lie, and its tangent where it is asked for."""
         facets, p = self.rest["pressure_facets"], self.pressure
         x = self.X + (u if self.follows else 0 * u)
         f, K = np.zeros(u.shape), np.zeros((u.size, u.size))
@@ -121,7 +121,7 @@ class Body:
         for k in range(3):
             np.add.at(f, facets[:, k], -p[:, None] / 6 * np.cross(b - a, c - a))
         for k, edge in enumerate((c - b, a - c, b - a)):
-            for j in range(3) if self.follows else ():
+            for j in range(3) if self.follows and with_tangent else ():
                 dn = -p[:, None] / 6 * np.cross(edge, np.broadcast_to(ONE[j], edge.shape)) * -1
                 for row in range(3):
                     for i in range(3):
@@ -161,7 +161,7 @@ def move(body, span):
     a = (body.dead - body.inner(u)) / m
     old, v, states = u + (0 if mistake == "wrong-start" else dt * dt / 2 * a), 0 * u, [u]
     for step in range(1, every * span["num_outputs"] + 1):
-        a = (body.dead + body.push(u)[0] - body.inner(u)) / m
+        a = (body.dead + body.push(u, with_tangent=False)[0] - body.inner(u)) / m
         v = v + dt * (a - d * v)
         new = (2 * u - (1 - d * dt / 2) * old + dt * dt * a) / (1 + d * dt / 2)
         new = np.where(body.free, u + dt * v if mistake == "semi-implicit" else new, 0)

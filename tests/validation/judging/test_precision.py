@@ -162,14 +162,11 @@ def test_a_correct_solution_in_single_precision_passes_where_that_is_granted(wor
     ("name", "faults"),
     {
         "block": (Fault.SOFTER, Fault.SWAPPED_LAME, Fault.DROPPED_LOAD),
-        "beam": (Fault.SOFTER, Fault.DROPPED_LOAD),
+        "beam": (Fault.DROPPED_LOAD,),
         "cantilever": (Fault.SOFTER,),
-        "kidney": (Fault.SOFTER, Fault.SWAPPED_LAME),
+        "kidney": (Fault.SWAPPED_LAME,),
         "press": (Fault.SOFTER,),
-        "block-motion": (
-            Fault.SOFTER, Fault.SWAPPED_LAME, Fault.DROPPED_LOAD, Fault.WRONG_MASS,
-            Fault.NO_DAMPING,
-        ),
+        "block-motion": (Fault.DROPPED_LOAD, Fault.WRONG_MASS, Fault.NO_DAMPING),
         "slide": (Fault.SOFTER,),
         "wave": (Fault.SOFTER,),
     }.items(),

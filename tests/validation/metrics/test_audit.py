@@ -36,7 +36,7 @@ def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Pr
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize(
-    "name", ["block", "ring", "kidney", pytest.param("beam", marks=pytest.mark.slow)]
+    "name", ["block", "ring", "kidney", pytest.param("beam", marks=pytest.mark.nightly)]
 )
 @pytest.mark.parametrize(("strain", "element"), EVERY)
 @pytest.mark.long

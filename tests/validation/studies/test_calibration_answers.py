@@ -148,7 +148,7 @@ def test_means_of_stress_are_those_of_the_gradient() -> None:
     np.testing.assert_allclose(answer.cauchy[:5], means, atol=1e-6 * np.abs(means).max())
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_a_cylinder_on_a_deep_layer_is_hertzs() -> None:
     # K. L. Johnson, Contact Mechanics, 1985, section 4.2: P = pi a^2 E* / (4 R), and a pressure of
     # p0 (1 - x^2 / a^2)^(1/2), p0 = a E* / (2 R).
@@ -190,7 +190,7 @@ def test_the_largest_displacement_of_two_bodies_may_agree_by_chance() -> None:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.long
+@pytest.mark.nightly
 def test_without_its_geometry_part_a_bar_covers_no_round_body() -> None:
     (known,) = (k for k in known_problems() if k.name == "inflated-04")
     assert known.surface == "cylinders"

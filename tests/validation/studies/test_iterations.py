@@ -123,16 +123,19 @@ about = {{"integrator": "backward-euler", "time_step": step}}
 {body}
 np.savez(result, displacement=u, times=times, case_key=given["case_key"], about=json.dumps(about))
 """
-ASKED = ["--vary", "iterations=5,20,80", "--vary", "time_step=8e-3,4e-3"]
+ASKED = ["--vary", "iterations=5,20", "--vary", "time_step=8e-3,4e-3"]
+_solved: dict[str, np.ndarray] = {}
 
 
 @pytest.fixture
 def sweep_of(let_go: Path, tmp_path: Path) -> Callable[..., tuple[int, str, Path]]:
     """Exit code, what it said and its folder, of a sweep over a program that sends what is said."""
-    case = load_case(let_go)
-    steps = Steps(Integrator.BACKWARD_EULER, 4e-3)
-    right = solve_by_steps(case.problem, case.strain, steps, in_silence)
-    np.save(tmp_path / "right.npy", right.displacements)
+    if "right" not in _solved:
+        case = load_case(let_go)
+        steps = Steps(Integrator.BACKWARD_EULER, 4e-3)
+        right = solve_by_steps(case.problem, case.strain, steps, in_silence)
+        _solved["right"] = right.displacements
+    np.save(tmp_path / "right.npy", _solved["right"])
 
     def run(body: str, *asked: str) -> tuple[int, str, Path]:
         program, out = tmp_path / "canned.py", tmp_path / "out"
