@@ -11,6 +11,7 @@ which part of the energy is averaged over edges and which over nodes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +49,23 @@ def materials_of_cells(
     for k, inclusion in enumerate(inclusions, start=1):
         number[inclusion.cells] = k
     return table, row.reshape(-1)[number]
+
+
+@dataclass(frozen=True)
+class CrushedCell:
+    """A cell, its centre at rest [m], its det F [-], and the mean of those that share a corner."""
+
+    cell: int
+    position: tuple[float, float, float]
+    det_f: float
+    around: float
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{x:.4g}" for x in self.position)
+        return (
+            f"cell {self.cell} at ({where}) m has det F {self.det_f:.3g}, those around it "
+            f"{self.around:.3g} in the mean"
+        )
 
 
 class Body:
@@ -199,6 +217,26 @@ class Body:
         values = self.det_f(displacement)
         cell = int(np.argmin(values))
         return float(values[cell]), cell
+
+    @property
+    def folds(self) -> bool:
+        """Whether single cells fold under pressure: smoothed ones of Saint-Venant-Kirchhoff do.
+
+        Pressure pushes on every cell by its own turns and shears, which are resisted in averages
+        over edges alone; where the volumetric part of a law is one of J it does not.
+        """
+        is_green = self.strain is Strain.GREEN
+        return is_green and self.element is Element.SMOOTHED and self.law.is_linear_in_strain
+
+    def crushed_cell(self, displacement: ArrayLike) -> CrushedCell:
+        """The cell of smallest det F at a displacement [m], and how far those around it are."""
+        values, cells = self.det_f(displacement), self.mesh.cells
+        cell = int(np.argmin(values))
+        around = np.isin(cells, cells[cell]).any(axis=1)
+        around[cell] = False
+        mean = float(values[around].mean()) if around.any() else float(values[cell])
+        x, y, z = self.mesh.points[cells[cell]].mean(axis=0)
+        return CrushedCell(cell, (float(x), float(y), float(z)), float(values[cell]), mean)
 
     def critical_time_step_bound(self) -> float:
         """A stable step of central differences about the rest state [s], safe and quickly found.

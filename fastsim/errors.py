@@ -7,6 +7,12 @@ from dataclasses import dataclass
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 
+# Where `Body.folds`: a finer mesh, the usual way out, makes it worse.
+FOLDING = (
+    'take law = "neo-hookean-stable" (smoothed tetrahedra of Saint-Venant-Kirchhoff fold under '
+    "pressure, small ones first; linear ones bear more)"
+)
+
 
 @dataclass(eq=False, repr=False)
 class CrowdedPointError(InputError):
@@ -161,6 +167,7 @@ class BlowUpError(FastsimError):
         displacement: The last good state [m], shape (num_points, 3).
         time_step: [s].
         critical_time_step: About the last good state [s].
+        folds: Whether it is a body of which single cells fold (`Body.folds`).
         suggestion: What to change.
     """
 
@@ -173,6 +180,7 @@ class BlowUpError(FastsimError):
     displacement: Points
     time_step: float
     critical_time_step: float
+    folds: bool = False
 
     def __post_init__(self) -> None:
         critical = self.critical_time_step
@@ -182,8 +190,9 @@ class BlowUpError(FastsimError):
                 f"(critical: {critical:.4g} s); use at most {0.8 * critical:.3g} s"
             )
         else:
+            ways_out = FOLDING if self.folds else "refine the mesh there"
             self.suggestion = (
-                "lower the load, raise it more slowly (amplitude), or refine the mesh there; "
+                f"lower the load, raise it more slowly (amplitude), or {ways_out}; "
                 f"a shorter time step is no cure (critical: {critical:.4g} s)"
             )
         where = ", ".join(f"{x:.4g}" for x in self.position)

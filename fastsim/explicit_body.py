@@ -492,6 +492,7 @@ class ExplicitBody:
             displacement=displacement.copy(),
             time_step=self.time_step,
             critical_time_step=body.critical_time_step(displacement=displacement, mass=self._mass),
+            folds=body.folds and reason is _core.StopReason.inverted_cell,
         )
 
     def rows(self, num_steps: int) -> tuple[Points, Points]:

@@ -245,7 +245,8 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        14190,
+        14246,
+        "issue 35: smoothed cells that fold under a tool are named; "
         "issue 35: classes of cells, steps of several lengths; "
         "issue 37: critical cells of large meshes in one pass, progress in per cent; "
         "issue 35: small cells near tools, and where one touches first; "
@@ -275,7 +276,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64700,
+        64722,
+        "issue 35: cells that fold; "
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "

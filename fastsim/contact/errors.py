@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from palpate.fastsim.errors import FastsimError
+from palpate.fastsim.body import CrushedCell
+from palpate.fastsim.errors import FOLDING, FastsimError
 from palpate.meshes.rigid_tool import ToolError
 
 
@@ -97,13 +98,20 @@ class ContactLostError(FastsimError):
         time: Last time of the path at which equilibrium was found.
         reason: What ended the iteration beyond it.
         partial: Result up to there (`ContactResult`).
+        crushed: The cell of smallest det F there, of a body whose cells fold (`Body.folds`).
     """
 
-    def __init__(self, time: float, reason: str, partial: object) -> None:
+    def __init__(
+        self, time: float, reason: str, partial: object, *, crushed: CrushedCell | None = None
+    ) -> None:
         self.time = time
         self.reason = reason
         self.partial = partial
+        self.crushed = crushed
+        where, ways_out = "", "refine below the tool, or take linear strain"
+        if crushed is not None:
+            where, ways_out = f"; {crushed}", f"or {FOLDING}"
         super().__init__(
-            f"no equilibrium with the tool beyond t = {time:.6g} of its path: {reason}; press "
-            "less deep, refine below the tool, or take linear strain"
+            f"no equilibrium with the tool beyond t = {time:.6g} of its path: {reason}{where}; "
+            f"press less deep, {ways_out}"
         )

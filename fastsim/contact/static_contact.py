@@ -165,7 +165,9 @@ def solve_contact(
             progress(f"t = {time:.4g}: {newton.iterations} iterations")
     if reason:
         partial = path.partial(stiffnesses)
-        raise ContactLostError(path.time, reason, partial)
+        body = newton.body
+        crushed = body.crushed_cell(path.displacement) if body.folds else None
+        raise ContactLostError(path.time, reason, partial, crushed=crushed)
     return path.result(stiffnesses)
 
 

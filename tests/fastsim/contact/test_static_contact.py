@@ -20,10 +20,12 @@ from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
+    ContactRule,
     PlaneShape,
     RigidTool,
     SphereShape,
@@ -272,6 +274,29 @@ def test_a_lost_path_says_how_far_it_went(slab: TetMesh) -> None:
     assert partial.forces[-1, 0, 2] > partial.forces[1, 0, 2] > 0.0
     # Linear strain knows no limit.
     assert len(solve_contact(standing(slab, tool), strain=Strain.LINEAR).times) == 3
+
+
+def test_a_smoothed_cell_that_folds_is_named_with_the_law_that_bears_it(
+    make_box: MakeBox,
+) -> None:
+    mesh = make_box((4, 4, 3), (0.04, 0.04, 0.02))
+    path = down([0.0172, 0.0184, 0.046], [0.0, 0.012])
+    tool = RigidTool(SphereShape(0.02), path, contact=ContactRule.FACETS)
+    problem = replace(standing(mesh, tool), material=Material(5e3, 0.4))
+    with pytest.raises(ContactLostError, match='law = "neo-hookean-stable"') as caught:
+        solve_contact(problem, element=Element.SMOOTHED)
+    partial, crushed = caught.value.partial, caught.value.crushed
+    assert isinstance(partial, ContactResult)
+    assert crushed is not None
+    assert crushed.det_f == partial.smallest_det_f[-1]
+    values = Body(mesh, problem.material).det_f(partial.displacements[-1])
+    assert values[crushed.cell] == crushed.det_f < 0.5 * crushed.around
+    assert str(crushed) in str(caught.value)
+    # What is advised is what helps, without a cell that stands out.
+    stable = replace(problem, material=Material(5e3, 0.4, law=Law.NEO_HOOKEAN_STABLE))
+    found = solve_contact(stable, element=Element.SMOOTHED)
+    borne = Body(mesh, stable.material).crushed_cell(found.displacements[-1])
+    assert borne.det_f > 0.5 * borne.around
 
 
 def test_what_statics_do_not_know_is_told(slab: TetMesh) -> None:
