@@ -262,10 +262,10 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        53270,
+        53510,
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
-        "issue 35: small cells near tools, also on the page, force that ripples; "
+        "issue 35: small cells near tools, also on the page, force that ripples, impacts; "
         "issue 37: coarser labels; "
         "issue 37: `--repair-limit`, the table of parts; "
         "issue 37: bodies of label images; issue 36: measured tracks, and fits to them; "
@@ -276,7 +276,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64722,
+        64990,
         "issue 35: cells that fold; "
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
@@ -284,6 +284,7 @@ LINES = {
         "issue 37: fourteen kinds of damage on any organ; "
         "issue 37: what large meshes cost beside their mesher, per cent, bounds, thin walls; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples, eight set-ups; "
+        "issue 35: an impact's momentum and energy, numbers of hertz; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files, VTK files that are cut off; contact over facets; "
@@ -320,8 +321,8 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4670,
-        "issue 35: small cells near tools, by the stored truth; "
+        4680,
+        "issue 35: small cells near tools, by the stored truth; bars of the candidate alone; "
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
@@ -333,9 +334,9 @@ LINES = {
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
-        5260,
+        5480,
         "issue 38: where a law gives way; implicit steps of a diagnosis; "
-        "issue 35: force that ripples while a tool slides; "
+        "issue 35: force that ripples while a tool slides, an impact's momentum and energy; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),

@@ -55,6 +55,32 @@ def traction_of(name: str) -> tuple[float, float, float]:
     return load.traction
 
 
+def test_two_round_bodies_have_the_force_by_hertz() -> None:
+    problem = case_of("hertz").problem
+    E, nu = problem.material.youngs_modulus, problem.material.poissons_ratio
+    radius, height, approach = 0.06, 0.03, problem.tools[0].path.positions[-1, 2]
+    # Of both bodies: 1 / E* of the two added, 1 / R* as well, and both approaches.
+    pair = E / (2.0 * (1.0 - nu**2)), radius / 2.0, 2.0 * approach
+    force = 4.0 / 3.0 * pair[0] * math.sqrt(pair[1]) * pair[2] ** 1.5 / 4.0
+    # Dimitriadis et al. 2002: a bonded layer of this height.
+    a = (1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1.0 - nu) * 2.0 / math.pi
+    ratio = math.sqrt(radius * approach) / height
+    layer = 1.0 + a * ratio + (a * ratio) ** 2
+    (own, truth) = (c for c in case_of("hertz").checks if c.expected is not None)
+    assert own.expected == truth.expected == pytest.approx(-1e3 * force * (1 + layer) / 2, rel=1e-5)
+    assert (
+        own.uncertainty == truth.uncertainty == pytest.approx(1e3 * force * (layer - 1) / 2, 1e-4)
+    )
+    # The facets that touch are the sphere's in their mean, not at their corners.
+    points, facets = problem.mesh.points, problem.tools[0].contact_facets
+    above = points[facets].mean(axis=1)
+    across = (points[facets] - np.roll(points[facets], 1, axis=1))[:, :, :2]
+    means = (points[facets][:, :, :2] ** 2).sum(axis=2).mean(axis=1) / (2.0 * radius)
+    means -= (across**2).sum(axis=(1, 2)) / (24.0 * radius)
+    near = np.linalg.norm(above[:, :2], axis=1) < math.sqrt(radius * approach)
+    assert np.abs(np.mean((above[:, 2] - means)[near])) < 0.005 * approach
+
+
 def lame(material: Material) -> tuple[float, float]:
     E, nu = material.youngs_modulus, material.poissons_ratio
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
