@@ -255,7 +255,8 @@ LINES = {
     ),
     "reference": (
         11140,
-        "issue 35: contact over facets with friction, few that can be nearest; issue 36: masses on the surface; "
+        "issue 35: contact over facets, friction there, few that can be nearest; "
+        "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
         "truths that end where they decide on it; critical loads by few solves",
@@ -281,7 +282,8 @@ LINES = {
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
         "issue 37: fourteen kinds of damage on any organ; "
         "issue 37: what large meshes cost beside their mesher, per cent, bounds, thin walls; "
-        "issue 35: CGS-4, friction over facets, two elastic bodies against Hertz, bars of ripples, eight set-ups; "
+        "issue 35: CGS-4, friction over facets, two elastic bodies against Hertz, "
+        "bars of ripples, eight set-ups; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files, VTK files that are cut off; contact over facets; "
