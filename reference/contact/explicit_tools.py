@@ -203,10 +203,10 @@ class _SteppedTool:
                 break
             active |= inside
         if self._is_rough:
-            before, after = (
+            begun, ended = (
                 self._points.averages(self._points.positions(u)) for u in (now, ahead + moved)
             )
-            drag = self._drag(before, after, pressed, self._points.normals(at.normal), time, dt)
+            drag = self._drag(begun, ended, pressed, self._points.normals(at.normal), time, dt)
             per_area = drag / self._points.areas[:, None]
             push += self._points.at_nodes(self._points.spread(per_area), push.size)
             moved = self._loose * push
