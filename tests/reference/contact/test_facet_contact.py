@@ -548,11 +548,12 @@ def test_a_ball_over_facets_comes_to_rest_where_statics_have_it(is_driven):
     np.testing.assert_allclose(found.tool_forces[0, -1], force, atol=1e-3 * force[2])
 
 
-def test_a_ball_gives_a_free_body_the_momentum_of_its_impulse() -> None:
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_ball_gives_a_free_body_the_momentum_of_its_impulse(friction) -> None:
     """The velocities that the surface takes from the tool are in the impulse, too."""
     mesh = ragged()
     path = ToolPath([0.0, 1.0], [[0.47, 0.52, 1.51], [0.57, 0.52, 0.51]])
-    ball = RigidTool(SphereShape(0.5), path, contact="facets")
+    ball = RigidTool(SphereShape(0.5), path, friction, contact="facets")
     material = Material(1e4, 0.3, 1e3)
     problem = moving(Problem(mesh, material, (), (), tools=(ball,)), 0.2, 0.01)
     found = simulate_implicit(problem, degree=1, spectral_radius=0.5, is_mass_lumped=True)
