@@ -299,8 +299,8 @@ class ExplicitRun:
         direction: tuple[float, float, float], mass: float, points: Floats, facets: Ints, stiffnesses: Floats
     ) -> None: ...
     def add_constraint_over_facets(
-        self, shape: ToolShape, *, reach: float, deepest: float, points: Floats, facets: Ints,
-        facet_areas: Floats, constraints: Ints, areas: Floats
+        self, shape: ToolShape, *, friction: float, reach: float, deepest: float, points: Floats,
+        facets: Ints, facet_areas: Floats, constraints: Ints, areas: Floats
     ) -> None: ...
     def set_self_contact(
         self, points: Floats, cells: Ints, vertices: Ints, facets: Ints, parts: Ints,

@@ -241,7 +241,9 @@ class ContactRule(StrEnum):
     coordinates beta_q, w_q = 1/12 its weight: the points (2/3, 1/6, 1/6) and their two rotations in
     each of the four triangles that halved edges make, exact for products of two shape functions.
     The gap is at least 0 wherever the pressure p_i at a vertex is above it, and the virtual work is
-    the sum over vertices of a_i p_i times the variation of g_i.
+    the sum over vertices of a_i p_i times the variation of g_i. Friction is of the slip s over the
+    tool, averaged like g, across the average of the normals, and at most mu a_i p_i. An average of
+    what is linear over each facet is its value at the vertex: s_i is the vertex's own slip.
     """
 
     VERTICES = "vertices"

@@ -255,8 +255,9 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11060,
-        "issue 35: contact over facets, few that can be nearest; issue 36: masses on the surface; "
+        11140,
+        "issue 35: contact over facets, friction there, few that can be nearest; "
+        "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
         "truths that end where they decide on it; critical loads by few solves",
@@ -285,6 +286,8 @@ LINES = {
         "issue 37: what large meshes cost beside their mesher, per cent, bounds, thin walls; "
         "issue 35: CGS-4, two elastic bodies against Hertz, bars of ripples, eight set-ups; "
         "issue 35: an impact's momentum and energy, numbers of hertz; "
+        "issue 35: CGS-4, friction over facets, two elastic bodies against Hertz, "
+        "bars of ripples, eight set-ups; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
         "lost files, VTK files that are cut off; contact over facets; "

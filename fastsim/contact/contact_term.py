@@ -292,9 +292,10 @@ def _ahead(
 #
 #     f = f1 where |f1| <= mu p, else mu p f1 / |f1|,      f1 = multiplier - k A slip,
 #
-# with its slip over the tool since the last equilibrium. Multiplier and p are those of the last
-# update (Alart and Curnier 1991, the bound fixed as in a quasi-potential): each Newton solve is
-# then of a potential, and its tangent is symmetric.
+# with its slip over the tool since the last equilibrium. Over facets p is of the average gap, and
+# the slip is across the average of the normals; averages of positions are the vertex's own.
+# Multiplier and p are those of the last update (Alart and Curnier 1991, the bound fixed as in a
+# quasi-potential): each Newton solve is then of a potential, and its tangent is symmetric.
 
 
 class Drag:

@@ -50,18 +50,24 @@ def _is_over_facets(tool: RigidTool) -> bool:
     return tool.contact is ContactRule.FACETS
 
 
-def _require_known_to_motions(problem: Problem, law: ContactLaw | None) -> None:
-    """Refuse what is known at vertices only."""
-    is_constraint = law is not None and law.form is ContactForm.CONSTRAINT
+def _forms(problem: Problem, law: ContactLaw | None) -> list[ContactForm]:
+    """How each tool is kept out; refuses what is known at vertices only."""
+    forms = []
     for number, tool in enumerate(problem.tools):
-        if not _is_over_facets(tool):
-            continue
-        if is_constraint and isinstance(tool.shape, BoxShape):
+        is_box = _is_over_facets(tool) and isinstance(tool.shape, BoxShape)
+        is_soft = is_box or tool.drive is not None
+        form = law.form if law else ContactForm.PENALTY if is_soft else ContactForm.CONSTRAINT
+        forms.append(form)
+        if form is ContactForm.CONSTRAINT and is_box:
             raise FacetContactError(
                 number, "the constraint beside a box is known at vertices only, the penalty at both"
             )
-        if tool.friction_coefficient > 0.0:
-            raise FacetContactError(number, "motions know friction at vertices only")
+        is_rough = _is_over_facets(tool) and tool.friction_coefficient > 0.0
+        if form is ContactForm.PENALTY and is_rough:
+            raise FacetContactError(
+                number, "a penalty, as for a box or a tool driven by a force, has no friction there"
+            )
+    return forms
 
 
 def _require_averages_outside(contact: ToolContact, number: int, displacement: Points) -> None:
@@ -118,7 +124,8 @@ class ExplicitTools:
 
     Raises:
         InputError: A tool that is driven by a force, with the constraint.
-        FacetContactError: Contact over facets with friction, or of a box with the constraint.
+        FacetContactError: Contact over facets by a penalty with friction, or of a box with the
+            constraint.
         ToolInsideError: On `start`, a tool that is in the body, or averages over facets that are.
     """
 
@@ -135,19 +142,12 @@ class ExplicitTools:
         self._problem = problem
         self._mass = mass
         self._clock = clock
-        _require_known_to_motions(problem, law)
+        forms = _forms(problem, law)
         self.contacts = [ToolContact(problem, tool) for tool in problem.tools]
         self.stiffnesses: list[float | None] = []
-        for contact in self.contacts:
-            driven = contact.tool.drive is not None
-            is_penalty = driven or (
-                _is_over_facets(contact.tool) and isinstance(contact.tool.shape, BoxShape)
-            )
-            chosen = law or ContactLaw(
-                ContactForm.PENALTY if is_penalty else ContactForm.CONSTRAINT
-            )
-            if chosen.form is ContactForm.CONSTRAINT:
-                if driven:
+        for contact, form in zip(self.contacts, forms, strict=True):
+            if form is ContactForm.CONSTRAINT:
+                if contact.tool.drive is not None:
                     raise InputError(
                         "a tool that is driven by a force needs the penalty form of contact"
                     )
@@ -155,7 +155,7 @@ class ExplicitTools:
                 continue
             self.stiffnesses.append(
                 explicit_stiffness(
-                    chosen,
+                    law or ContactLaw(form),
                     layer_stiffness(problem, contact.facets),
                     float((mass[contact.vertices] / contact.areas).min()),
                     critical_time_step,
@@ -202,6 +202,7 @@ class ExplicitTools:
                 sampling = contact.sampling
                 run.add_constraint_over_facets(
                     contact.shape,
+                    friction=tool.friction_coefficient,
                     reach=reach,
                     deepest=deepest,
                     points=rest,

@@ -190,15 +190,15 @@ void bind_explicit_run(nb::module_ &module) {
             nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert())
         .def(
             "add_constraint_over_facets",
-            [](Run &run, const ToolShape &shape, double reach, double deepest, GivenPoints points,
-               GivenFacets facets, GivenColumn<double> facet_areas, GivenFacets constraints,
-               GivenColumn<double> areas) {
+            [](Run &run, const ToolShape &shape, double friction, double reach, double deepest,
+               GivenPoints points, GivenFacets facets, GivenColumn<double> facet_areas,
+               GivenFacets constraints, GivenColumn<double> areas) {
                 run.add_constraint_over_facets(
-                    {shape, true, 0.0, reach, deepest, {}, 0.0}, as_span(points), as_span(facets),
-                    as_span(facet_areas), as_span(constraints), as_span(areas));
+                    {shape, true, friction, reach, deepest, {}, 0.0}, as_span(points),
+                    as_span(facets), as_span(facet_areas), as_span(constraints), as_span(areas));
             },
-            nb::arg("shape"), nb::kw_only(), nb::arg("reach"), nb::arg("deepest"),
-            nb::arg("points").noconvert(), nb::arg("facets").noconvert(),
+            nb::arg("shape"), nb::kw_only(), nb::arg("friction"), nb::arg("reach"),
+            nb::arg("deepest"), nb::arg("points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("facet_areas").noconvert(), nb::arg("constraints").noconvert(),
             nb::arg("areas").noconvert())
         .def(

@@ -16,7 +16,8 @@ Degree 2: the midpoints of the edges, a third of each facet; the vertices have n
 
 Facets (degree 1, see `ContactRule`): c_qi = A_f w_q (4 b_qi - 1) / a_i at the points of the facets
 of a vertex, so that a gap that is linear in a facet is averaged to its value at the vertex. A
-constraint reaches all vertices of the facets at its own.
+constraint reaches all vertices of the facets at its own. Averages of vectors, and forces on them,
+which friction asks for, have the same parts.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ class ContactPoints:
         rest: Rest positions of these nodes [m], shape (n, 3).
         areas: Rest areas of the constraints [m2], shape (n,), >= 0; 0 only for nodes without one.
         facet_size: Root of twice the mean facet area [m].
-        dofs: Displacements of the patches' nodes in a flat vector of all unknowns, (m, w, 3).
+        own_dofs: Displacements of these nodes in a flat vector of all unknowns, shape (n, 3).
+        dofs: The same of the patches' nodes, shape (m, w, 3).
         corners: Rest positions of the patches' nodes [m], shape (m, w, 3).
         shares: Combination of nodes that is a point [-], the same in each patch, shape (q, w).
         constraints: Numbers of the constraints of the patches' nodes, shape (m, w).
@@ -67,6 +69,7 @@ class ContactPoints:
     rest: Points
     areas: Floats
     facet_size: float
+    own_dofs: Indices
     dofs: Indices
     corners: Points
     shares: Floats
@@ -90,11 +93,28 @@ class ContactPoints:
         by_patch = np.einsum("mqw,mq->mw", self.parts, distances.reshape(self.parts.shape[:2]))
         return _sums(self.constraints, by_patch, len(self.areas))
 
+    def averages(self, vectors: Points) -> Points:
+        """The same of vectors at the points, shape (m q, 3): shape (n, 3)."""
+        return np.stack([self.gaps(component) for component in vectors.T], axis=1)
+
+    def normals(self, normals: Points) -> Points:
+        """The directions of averages of normals at the points, shape (n, 3)."""
+        averages = self.averages(normals)
+        if self.shares.shape[1] == 1:  # nodes have their own
+            return averages
+        lengths = np.linalg.norm(averages, axis=1)[:, None]
+        directions: Points = averages / np.where(lengths > 0.0, lengths, 1.0)
+        return directions
+
     def loads(self, pressures: Floats) -> Floats:
         """Forces along the normals at the points [N], (m q,), of pressures [Pa], (n,)."""
         forces = (self.areas * pressures)[self.constraints]
         loads: Floats = np.einsum("mqw,mw->mq", self.parts, forces).ravel()
         return loads
+
+    def spread(self, tractions: Points) -> Points:
+        """Forces at the points [N], (m q, 3), of tractions on the averages [Pa], (n, 3)."""
+        return np.stack([self.loads(component) for component in tractions.T], axis=1)
 
     def at_nodes(self, forces: Points, num_dofs: int) -> Floats:
         """Flat nodal forces of forces at the points, shape (m q, 3)."""
@@ -196,9 +216,12 @@ def find_contact_points(
     else:
         patches, shares, constraints = nodes[:, None], np.ones((1, 1)), number[nodes][:, None]
         parts, of_points = np.ones((len(nodes), 1, 1)), areas
-    dofs = 3 * patches[:, :, None] + np.arange(3, dtype=np.int32)
+    axes = np.arange(3, dtype=np.int32)
+    own, dofs = 3 * nodes[:, None] + axes, 3 * patches[:, :, None] + axes
+    if numbers is not None:
+        own, dofs = numbers[own], numbers[dofs]
     corners, size = space.coordinates[patches], float(np.sqrt(doubled.mean()))
     return ContactPoints(
-        nodes, space.coordinates[nodes], areas, size,
-        dofs if numbers is None else numbers[dofs], corners, shares, constraints, parts, of_points,
+        nodes, space.coordinates[nodes], areas, size, own, dofs, corners, shares, constraints,
+        parts, of_points,
     )  # fmt: skip

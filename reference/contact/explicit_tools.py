@@ -16,8 +16,11 @@ together: p >= 0, g + G W G^T p >= 0, and one of them 0 for each constraint, wit
 and their gradients G at the positions without contact. As G W G^T = L L^T, p is the least squares
 solution of L^T p = -L^-1 g with p >= 0. The correction is W G^T p, to first order in G.
 
-Friction, at vertices only, is the force -W^-1 s that cancels the sliding s of the node along the
-tool in the step, or mu |p n| in that direction where it is less.
+Friction is the force -W^-1 s that cancels the sliding s of the node along the tool in the step, or
+mu |p n| in that direction where it is less. Over facets s is the average of the sliding of the
+points, across the average of their normals where the gaps were taken, and the force is spread over
+the points with the parts of the gap: by that to the constraint's own node alone, so that W is its
+own (see `friction`).
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ class SteppedTools:
 
     Raises:
         InputError: A tool is driven by a force, or inside the body at the start.
-        ToolError: Contact over facets with friction or with a box.
+        ToolError: Contact over facets with a box.
     """
 
     def __init__(
@@ -141,7 +144,7 @@ class _SteppedTool:
 
     def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
         if self.is_averaged:
-            return self._keep_averages_out(ahead, time)
+            return self._keep_averages_out(now, ahead, time, dt)
         position, rotation = self._tool.path.pose_at(time)
         positions = self._points.positions(ahead)
         forces, normals = np.zeros_like(positions), np.zeros_like(positions)
@@ -167,7 +170,8 @@ class _SteppedTool:
             positions[rows] += self._mobility[rows] * push
             rows = rows[~self._is_free[rows]]
         if self._is_rough:
-            drag = self._drag(self._points.positions(now), positions, forces, normals, time, dt)
+            pressed = np.linalg.norm(forces, axis=1)
+            drag = self._drag(self._points.positions(now), positions, pressed, normals, time, dt)
             forces += drag
             positions += self._mobility * drag
         self.sum_of_forces -= forces.sum(axis=0)
@@ -176,7 +180,7 @@ class _SteppedTool:
         flat: Floats = out.ravel()
         return flat
 
-    def _keep_averages_out(self, ahead: Floats, time: float) -> Floats:
+    def _keep_averages_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
         position, rotation = self._tool.path.pose_at(time)
         positions = self._points.positions(ahead)
         at = tool_distance(self._tool.shape, position, rotation, positions)
@@ -188,15 +192,24 @@ class _SteppedTool:
         active = gaps < 0.0
         while True:
             rows = np.flatnonzero(active)
-            push[:] = 0.0
-            for row, p in zip(rows, self._multipliers(rows, gaps, dofs, slopes), strict=True):
-                np.add.at(push, dofs[row], p * slopes[row])
+            push[:], pressed = 0.0, np.zeros_like(gaps)
+            pressed[rows] = self._multipliers(rows, gaps, dofs, slopes)
+            for row in rows:
+                np.add.at(push, dofs[row], pressed[row] * slopes[row])
             moved = self._loose * push
             after = [gaps[k] + slopes[k] @ moved[dofs[k]] for k in range(len(gaps))]
             inside = ~active & (np.array(after) < 0.0)
             if not inside.any():
                 break
             active |= inside
+        if self._is_rough:
+            begun, ended = (
+                self._points.averages(self._points.positions(u)) for u in (now, ahead + moved)
+            )
+            drag = self._drag(begun, ended, pressed, self._points.normals(at.normal), time, dt)
+            per_area = drag / self._points.areas[:, None]
+            push += self._points.at_nodes(self._points.spread(per_area), push.size)
+            moved = self._loose * push
         self.sum_of_forces -= push.reshape(-1, 3).sum(axis=0)
         out: Floats = ahead + moved
         return out
@@ -225,18 +238,18 @@ class _SteppedTool:
         self,
         before: Points,
         positions: Points,
-        pushes: Points,
+        pressed: Floats,
         normals: Points,
         time: float,
         dt: float,
     ) -> Points:
-        """Friction on nodes that move from one position to another in a step [N], shape (n, 3).
+        """Friction on nodes, or averages, that move to another position in a step [N], (n, 3).
 
         Args:
             before: Positions at the start of the step [m], shape (n, 3).
             positions: Positions after the contact forces [m], shape (n, 3).
-            pushes: Contact forces by the tool [N]; without one there is no friction.
-            normals: Normals of the tool in contact [-], else 0.
+            pressed: Contact forces by the tool [N]; without one there is no friction.
+            normals: Unit normals of the tool in contact [-], shape (n, 3).
             time: Time at the end of the step [s].
             dt: Length of the step [s].
         """
@@ -248,6 +261,6 @@ class _SteppedTool:
         moves = self._mobility > 0.0
         needed = np.where(moves, -slip / np.where(moves, self._mobility, 1.0), 0.0)
         size = np.linalg.norm(needed, axis=1)
-        bound = self._tool.friction_coefficient * np.linalg.norm(pushes, axis=1)
+        bound = self._tool.friction_coefficient * pressed
         drag: Points = (np.minimum(bound, size) / np.where(size > 0.0, size, 1.0))[:, None] * needed
         return drag

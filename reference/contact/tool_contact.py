@@ -16,17 +16,7 @@ nodal forces is sum_i a_i k dg_i dg_i over the active constraints less sum_q (su
 Degrees 2 and 3 have contact at nodes whatever rule a tool has: they approximate the continuum, of
 which the rule is no part, and their shape functions of vertices have no area.
 
-Friction: with the displacement s of a node along the tool since the last equilibrium, relative to
-the tool, the normal n, and a multiplier q per rest area:
-
-    trial = q - k s,   t = trial where |trial| <= mu p, else mu p trial / |trial|
-
-so that a node slips against friction where more than mu p would be needed for it to stick. In
-motion s is that of one step: friction is that at the step's end (backward Euler). The bound uses
-the multiplier p, not the pressure of the iterate, and both are updated after each equilibrium: the
-tangent remains symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of Coulomb
-frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108 (1993)
-133-146), and the limit is Coulomb's law with the pressure itself.
+Friction is in `friction`.
 """
 
 from __future__ import annotations
@@ -34,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,89 +36,10 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, ContactRule, RigidTool, ToolError
 from palpate.reference import fenicsx
 from palpate.reference.contact.contact_points import ContactPoints, find_contact_points
+from palpate.reference.contact.friction import Drag, Friction, no_drag
 from palpate.reference.contact.tool_distance import ContactFaces, Distance, tool_distance
 from palpate.reference.fenicsx import all_rows
 from palpate.reference.mesh_transfer import TransferredSpace
-
-
-@dataclass(frozen=True, eq=False)
-class Drag:
-    """Friction on n points.
-
-    Attributes:
-        traction: Traction on the body per rest area [Pa], shape (n, 3).
-        stiffness: Minus its derivative by the point's position, at this normal and bound [Pa/m],
-            shape (n, 3, 3), symmetric.
-        sticks: Whether a pressed node has friction below the bound, shape (n,).
-    """
-
-    traction: Points
-    stiffness: Floats
-    sticks: NDArray[np.bool_]
-
-
-class Friction:
-    """Multipliers of friction, and the position on the tool at which each node sticks.
-
-    Args:
-        coefficient: Coulomb's mu [-], >= 0.
-        count: Number of nodes.
-    """
-
-    def __init__(self, coefficient: float, count: int) -> None:
-        self.coefficient = coefficient
-        # Multipliers and positions are in the tool's frame, with which they rotate.
-        self._multiplier: Points = np.zeros((count, 3))
-        self._kept: Points = self._multiplier
-        self._stuck_at: Points = np.zeros((count, 3))
-
-    def keep(self, local: Points) -> None:
-        """Accept an equilibrium with the nodes at these positions in the tool's frame [m]."""
-        self._kept, self._stuck_at = self._multiplier, local
-
-    def go_back(self) -> None:
-        """Begin anew from the last accepted equilibrium."""
-        self._multiplier = self._kept
-
-    def let_go(self, which: NDArray[np.bool_]) -> None:
-        """Remove the friction on some nodes, shape (n,)."""
-        self._multiplier = np.where(which[:, None], 0.0, self._multiplier)
-
-    def carried(self, rotation: Floats) -> Points:
-        """The multipliers in the global frame [Pa], shape (n, 3)."""
-        carried: Points = self._multiplier @ rotation.T
-        return carried
-
-    def take_over(self, traction: Points, rotation: Floats) -> None:
-        """Set the multipliers to tractions in the global frame [Pa], shape (n, 3)."""
-        self._multiplier = traction @ rotation
-
-    def drag(
-        self, local: Points, rotation: Floats, normal: Points, pressure: Floats, penalty: float
-    ) -> Drag:
-        """Friction at positions in the tool's frame.
-
-        Args:
-            local: Positions [m], shape (n, 3).
-            rotation: From the tool's frame to the global one, shape (3, 3).
-            normal: Normals of the tool in the global frame [-], shape (n, 3).
-            pressure: Multipliers of contact, which bound friction [Pa], shape (n,).
-            penalty: k [Pa/m].
-        """
-        count = len(local)
-        if self.coefficient == 0.0:
-            return Drag(np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_))
-        trial = (self._multiplier - penalty * (local - self._stuck_at)) @ rotation.T
-        trial -= np.sum(trial * normal, axis=1)[:, None] * normal
-        size, bound = np.linalg.norm(trial, axis=1), self.coefficient * pressure
-        slips = size > bound
-        along = trial / np.where(size > 0.0, size, 1.0)[:, None]
-        part = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)
-        plane = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-        plane -= np.where(slips[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
-        stiffness = (penalty * part)[:, None, None] * plane
-        return Drag(part[:, None] * trial, stiffness, ~slips & (bound > 0.0))
-
 
 # Penalty times the facet size over Young's modulus: an Uzawa step leaves about a hundredth of the
 # penetration, and the condition number of the tangent grows by about a hundred at most.
@@ -176,7 +88,7 @@ class TouchingSurface:
         is_active: Which constraints press, shape (n,).
         normals: Normals of the tool at the points [-], shape (p, 3).
         velocities: Velocities of the tool there, mean over the last step [m/s], shape (p, 3).
-        sticks: Which of the active constraints, nodes then, stick, shape (n,).
+        sticks: Which of the active constraints stick, shape (n,).
     """
 
     points: ContactPoints
@@ -194,18 +106,33 @@ class TouchingSurface:
         """
         own = self.points.values(field.ravel())
         along = np.sum(wanted * self.normals, axis=1) - np.sum(own * self.normals, axis=1)
-        change = self._least(along, field.size).reshape(-1, 3)
-        stuck = self.points.nodes[self.sticks]
-        change[stuck] = (wanted - own)[self.sticks] if stuck.size else 0.0
-        return change
+        return self._least(self._averaged(along, wanted - own), field.size).reshape(-1, 3)
 
-    def _least(self, along: Floats, size: int) -> Floats:
-        """Smallest flat vector with such values along the normals at the points, in the averages.
+    @cached_property
+    def _across(self) -> Floats:
+        """Projections across the normals of the constraints that stick, shape (k, 3, 3)."""
+        normals = self.points.normals(self.normals)[self.sticks]
+        return np.eye(3) - normals[:, :, None] * normals[:, None, :]
+
+    def _averaged(self, along: Floats, vectors: Points) -> Floats:
+        """Averages of values along the normals at the points, and of vectors across them.
+
+        Returns:
+            The first of the n constraints, 0 where not active, then the others of the k that
+            stick, shape (n + 3 k,).
+        """
+        normal = np.where(self.is_active, self.points.gaps(along), 0.0)
+        if not self.sticks.any():
+            return normal
+        across = np.einsum("kij,kj->ki", self._across, self.points.averages(vectors)[self.sticks])
+        return np.concatenate([normal, across.ravel()])
+
+    def _least(self, rest: Floats, size: int) -> Floats:
+        """Smallest flat vector with such averages.
 
         By conjugate gradients for its multipliers, whose matrix is nearly the identity: each dual
         constraint has its own vertex.
         """
-        rest = np.where(self.is_active, self.points.gaps(along), 0.0)
         found, way = np.zeros(size), rest
         enough = _MET**2 * float(rest @ rest)
         for _ in range(_MOST_ITERATIONS):
@@ -213,16 +140,22 @@ class TouchingSurface:
             if before <= enough:
                 break
             step = self._spread(way, size)
-            turned = np.sum(self.points.values(step) * self.normals, axis=1)
-            image = np.where(self.is_active, self.points.gaps(turned), 0.0)
+            values = self.points.values(step)
+            image = self._averaged(np.sum(values * self.normals, axis=1), values)
             length = before / float(way @ image)
             found, rest = found + length * step, rest - length * image
             way = rest + float(rest @ rest) / before * way
         return found
 
     def _spread(self, multipliers: Floats, size: int) -> Floats:
-        per_area = multipliers / np.where(self.is_active, self.points.areas, np.inf)
-        return self.points.at_nodes(self.points.loads(per_area)[:, None] * self.normals, size)
+        count = len(self.is_active)
+        areas = np.where(self.is_active, self.points.areas, np.inf)
+        loads = self.points.loads(multipliers[:count] / areas)[:, None] * self.normals
+        if self.sticks.any():
+            across = np.zeros((count, 3))
+            across[self.sticks] = multipliers[count:].reshape(-1, 3)
+            loads = loads + self.points.spread(across / areas[:, None])
+        return self.points.at_nodes(loads, size)
 
 
 class ToolContact:
@@ -267,7 +200,7 @@ class ToolContact:
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
         self._faces = ContactFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
-        self._friction = Friction(tool.friction_coefficient, len(self.points.point_areas))
+        self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
         self.is_near = True
         self._drag_part = 1.0
         self._way = np.zeros(3)
@@ -289,12 +222,11 @@ class ToolContact:
         """The surface that moves with the tool at the end of a step of dt [s]."""
         distance = self._distance(displacement)
         is_active = self.points.areas * self._tractions(distance) > 0.0
-        sticks = is_active if self.is_averaged else self._dragged(displacement, distance).sticks
+        sticks = is_active & self._dragged(displacement, distance).sticks
         positions = self.points.positions(displacement)
         before, turned = self.tool.path.pose_at(self.time - dt)
         local = (positions - self.position) @ self.rotation
         velocity = (positions - before - local @ turned.T) / dt
-        sticks = is_active & sticks & (self._friction.coefficient > 0.0)
         return TouchingSurface(self.points, is_active, distance.normal, velocity, sticks)
 
     @property
@@ -340,7 +272,7 @@ class ToolContact:
         """
         distance = self._distance(displacement)
         # Where the normal is constant a dual constraint gives forces to its own node alone.
-        normal = np.stack([self.points.gaps(along) for along in distance.normal.T], axis=1)
+        normal = self.points.averages(distance.normal)
         pushed = np.sum(forces.reshape(-1, 3)[self.points.nodes] * normal, axis=1)
         touches = self.points.gaps(distance.gap) < _TOUCHES * self.points.facet_size
         with_area = np.where(self.points.areas > 0.0, self.points.areas, np.inf)
@@ -368,7 +300,7 @@ class ToolContact:
     def keep(self, displacement: Floats) -> None:
         """Accept an equilibrium: store its multipliers and the positions of the nodes."""
         self._kept = self.pressure
-        self._friction.keep(self._local(displacement))
+        self._friction.keep(self.points.averages(self._local(displacement)))
         if self._faces is not None:
             self._faces.keep(self._local(displacement))
 
@@ -418,10 +350,11 @@ class ToolContact:
         return tractions
 
     def _dragged(self, displacement: Floats, distance: Distance) -> Drag:
-        # With friction every point is a node, and has a constraint of its own.
-        local, rotation = self._local(displacement), self.rotation
-        penalty = self._drag_part * self._penalty
-        return self._friction.drag(local, rotation, distance.normal, self.pressure, penalty)
+        if self._friction.coefficient == 0.0:
+            return no_drag(len(self.points.areas))
+        local = self.points.averages(self._local(displacement))
+        normal, penalty = self.points.normals(distance.normal), self._drag_part * self._penalty
+        return self._friction.drag(local, self.rotation, normal, self.pressure, penalty)
 
     def _point_forces(self, pressures: Floats, normals: Points, drag: Points) -> Points:
         """Forces on the body at the points [N], shape (m q, 3).
@@ -429,10 +362,10 @@ class ToolContact:
         Args:
             pressures: At the constraints [Pa], shape (n,).
             normals: Of the tool at the points [-], shape (m q, 3).
-            drag: Friction there per rest area [Pa], shape (m q, 3).
+            drag: Friction of the constraints per rest area [Pa], shape (n, 3).
         """
         along: Points = self.points.loads(pressures)[:, None] * normals
-        return along + self.points.point_areas[:, None] * drag
+        return along + self.points.spread(drag) if drag.any() else along
 
     def _forces_at(self, displacement: Floats) -> Points:
         distance = self._distance(displacement)
@@ -446,7 +379,7 @@ class ToolContact:
     def add_tangent(self, matrix: Any, displacement: Floats) -> None:
         """Add -d(force)/du to a PETSc matrix with room for it (see `reached`)."""
         distance = self._distance(displacement)
-        stiffness, is_active = self._stiffness(displacement, distance)
+        stiffness, dragged, is_active = self._stiffness(displacement, distance)
         dofs, gradients = self.points.gradients(distance.normal)
         for i in np.flatnonzero(is_active).tolist():
             row = gradients[i]
@@ -456,6 +389,9 @@ class ToolContact:
         for m in np.flatnonzero(blocks.any(axis=(1, 2))).tolist():
             own = self.points.dofs[m].ravel()
             matrix.setValuesLocal(own, own, blocks[m], addv=True)
+        for i in np.flatnonzero(dragged.any(axis=(1, 2))).tolist():
+            own = self.points.own_dofs[i]
+            matrix.setValuesLocal(own, own, dragged[i], addv=True)
         matrix.assemble()
 
     @property
@@ -469,11 +405,13 @@ class ToolContact:
     def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
         """Derivative of the force on the tool along a unit vector, by displacement, flat [N/m]."""
         distance = self._distance(displacement)
-        stiffness, is_active = self._stiffness(displacement, distance)
+        stiffness, dragged, is_active = self._stiffness(displacement, distance)
         # The tangent is symmetric: the change of the nodal forces as all points move along it.
         rates = np.where(is_active, self.points.gaps(distance.normal @ direction), 0.0)
         changes = self.points.loads(self._penalty * rates)[:, None] * distance.normal
-        return self.points.at_nodes(changes + stiffness @ direction, self._num_dofs)
+        change = self.points.at_nodes(changes + stiffness @ direction, self._num_dofs)
+        change[self.points.own_dofs] += dragged @ direction
+        return change
 
     def pressed_dofs(self, displacement: Floats) -> Indices:
         """Displacements of the nodes whose constraints press on the tool, shape (n, 3)."""
@@ -482,23 +420,23 @@ class ToolContact:
 
     def _stiffness(
         self, displacement: Floats, distance: Distance
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """The stiffness at the points themselves [N/m], and which constraints are active.
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Minus the derivative of the forces, less the part of the gaps' penalty.
 
-        That is the curvature's part of the derivative, and with friction the stiffness of `Drag`,
-        which is symmetric.
+        Returns:
+            The curvature's part at the points [N/m], that of friction at the constraints' nodes
+            [N/m], and which constraints are active.
         """
         tractions, areas = self._tractions(distance), self.points.areas
         curved = tractions
         if self.is_averaged or not self.is_near:
             curved = np.minimum(tractions, np.maximum(self.pressure, self._most_curved))
         stiffness = -self.points.loads(curved)[:, None, None] * distance.curvature
-        mu = self._friction.coefficient
-        if mu > 0.0:
-            # A node that has just lost contact has friction until its multiplier is updated.
-            touched = np.where(tractions + mu * self.pressure > 0.0, areas, 0.0)
-            stiffness += touched[:, None, None] * self._dragged(displacement, distance).stiffness
-        return stiffness, areas * tractions > 0.0
+        # What has just lost contact has friction until its multiplier is updated.
+        is_dragged = tractions + self._friction.coefficient * self.pressure > 0.0
+        dragged = np.where(is_dragged, areas, 0.0)[:, None, None]
+        dragged = dragged * self._dragged(displacement, distance).stiffness
+        return stiffness, dragged, areas * tractions > 0.0
 
     def rounding_error(self, displacement: Floats) -> float:
         """Largest norm of the nodal forces due to rounding of the gaps [N].
@@ -551,14 +489,12 @@ def contact_rule(tool: RigidTool, degree: int) -> ContactRule:
     """Where a displacement of a degree is kept out of a tool; VERTICES stands for nodes.
 
     Raises:
-        ToolError: Contact over facets with friction, with a box, or on several ranks.
+        ToolError: Contact over facets with a box, or on several ranks.
     """
     if degree > 1 or tool.contact is ContactRule.VERTICES:
         return ContactRule.VERTICES
     refused = ""
-    if tool.friction_coefficient > 0.0:
-        refused = f"and friction of {tool.friction_coefficient:g}: set 0"
-    elif isinstance(tool.shape, BoxShape):
+    if isinstance(tool.shape, BoxShape):
         # Averages across its edges store twice the energy that is put in, and push sideways.
         refused = "and is a box, whose edges averages blur: take another shape"
     elif fenicsx.COMM.size > 1:

@@ -104,6 +104,8 @@ Reaction FacetConstraint<Real>::touch(const TouchSettings &tool, const Pose &now
     if (reaction.gap < 0.0) {
         differentiate(tool, next, motion);
         solve();
+        if (tool.friction > 0.0)
+            drag(tool, now, next, motion);
         act(now, motion, push, reaction);
     }
     for (const std::int32_t constraint : _averaged)
@@ -159,11 +161,11 @@ FacetConstraint<Real>::ahead(std::uint32_t vertex, const Motion<Real> &motion) {
 }
 
 template <typename Real>
-typename FacetConstraint<Real>::Row &FacetConstraint<Real>::row_of(std::int32_t constraint) {
-    std::int32_t &row = _row_of[static_cast<std::size_t>(constraint)];
+typename FacetConstraint<Real>::Row &FacetConstraint<Real>::row_of(const Corner &corner) {
+    std::int32_t &row = _row_of[static_cast<std::size_t>(corner.constraint)];
     if (row == without_row) {
         row = static_cast<std::int32_t>(_rows.size());
-        _rows.push_back({_averages[static_cast<std::size_t>(constraint)]});
+        _rows.push_back({corner.vertex, _averages[static_cast<std::size_t>(corner.constraint)]});
     }
     return _rows[static_cast<std::size_t>(row)];
 }
@@ -227,7 +229,7 @@ void FacetConstraint<Real>::differentiate(const TouchSettings &tool, const Pose 
         for (std::size_t k = 0; k < 3; ++k) {
             if (!may_push((*facet)[k]))
                 continue;
-            Row &row = row_of((*facet)[k].constraint);
+            Row &row = row_of((*facet)[k]);
             for (std::size_t l = 0; l < 3; ++l) {
                 const std::uint32_t vertex = (*facet)[l].vertex;
                 const Point gradient = next.turned_out(gradients[k][l]);
@@ -310,6 +312,31 @@ template <typename Real> void FacetConstraint<Real>::solve() {
         _is_solved = _complementarity.solve(_matrix, _right, _found);
         for (std::size_t a = 0; a < n; ++a)
             _rows[_active[a]].multiplier = _found[a];
+    }
+}
+
+/// Adds friction to the forces of the multipliers.
+template <typename Real>
+void FacetConstraint<Real>::drag(const TouchSettings &tool, const Pose &now, const Pose &next,
+                                 const Motion<Real> &motion) {
+    for (const std::size_t r : _active) {
+        const Row &row = _rows[r];
+        Point normal{}; // averaged: over its vertices the gradient adds up to it
+        for (const Part &part : row.parts)
+            normal = along(normal, part.gradient, 1.0);
+        const double length = norm(normal);
+        if (!(row.multiplier > 0.0 && length > 0.0))
+            continue;
+        const Vertex &vertex = _vertices[row.vertex];
+        Point place = vertex.rest;
+        for (std::size_t j = 0; j < 3; ++j)
+            place[j] += static_cast<double>(motion.displacement[vertex.entry + j]);
+        Point &force = _ahead[row.vertex].force;
+        force =
+            along(force,
+                  friction_force(now, next, mover_of(motion, vertex.entry, place), force,
+                                 along({}, normal, 1.0 / length), tool.friction * row.multiplier),
+                  1.0);
     }
 }
 

@@ -9,6 +9,11 @@
 // with the gradients G of the averages at x*, and the mobility W of the vertices [m/N]; the force
 // on the body is G^T p. Of vertices alone, where no two constraints share one, it is the formula of
 // Carpenter, Taylor and Katona 1991; neighbouring averages share vertices, and p is found together.
+//
+// Friction of at most mu p_i stops the average of the slip over the tool, with the same weights as
+// the gap, across the average of the normals. The dual functions average positions over the facets
+// at a vertex to its own, and spread a force on the average to it alone: so it is the slip of the
+// vertex, once p acts, and the friction of neighbours is independent.
 
 #include "condensed/complementarity.hpp"
 #include "explicit/tool_touch.hpp"
@@ -56,6 +61,7 @@ template <typename Real> class FacetConstraint {
         Point gradient;
     };
     struct Row { // of a constraint that may push
+        std::uint32_t vertex;
         double gap = 0.0;
         std::vector<Part> parts{};
         bool is_active = false;
@@ -69,8 +75,10 @@ template <typename Real> class FacetConstraint {
     void differentiate(const TouchSettings &tool, const Pose &next, const Motion<Real> &motion);
     std::array<Point, 3> places_of(const Facet &facet, const Pose &next,
                                    const Motion<Real> &motion);
-    Row &row_of(std::int32_t constraint);
+    Row &row_of(const Corner &corner);
     void solve();
+    void drag(const TouchSettings &tool, const Pose &now, const Pose &next,
+              const Motion<Real> &motion);
     bool add_active();
     void act(const Pose &now, Motion<Real> &motion, Push<Real> &push, Reaction &reaction) const;
 

@@ -52,8 +52,10 @@ Point constraint_force(const TouchSettings &tool, const Pose &now, const Pose &n
     return force;
 }
 
-Point friction_force(const TouchSettings &tool, const Pose &now, const Pose &next,
-                     const Mover &mover, const Point &pushed, const Point &normal) {
+} // namespace
+
+Point friction_force(const Pose &now, const Pose &next, const Mover &mover, const Point &pushed,
+                     const Point &normal, double most) {
     const Point end = mover.after(pushed);
     const Point own = next.to_tool(end);
     const Point came = along(now.position, now.turned_out(own), 1.0);
@@ -65,11 +67,9 @@ Point friction_force(const TouchSettings &tool, const Pose &now, const Pose &nex
     for (std::size_t j = 0; j < 3; ++j)
         if (mover.mobility[j] > 0.0)
             force[j] = -slip[j] / mover.mobility[j];
-    const double size = norm(force), most = tool.friction * norm(pushed);
+    const double size = norm(force);
     return size > most ? along({}, force, most / size) : force;
 }
-
-} // namespace
 
 template <typename Real>
 Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const Pose &now,
@@ -99,20 +99,17 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
                 continue;
-            if (tool.friction > 0.0)
-                force =
-                    along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
         } else {
             gap = gap_at(tool.shape, now, place, way);
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
                 continue;
             force = along({}, gap.normal, -gap.distance * vertex.stiffness);
-            if (tool.friction > 0.0) {
-                const Mover mover = mover_of(motion, vertex.entry, place);
-                force =
-                    along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
-            }
+        }
+        if (tool.friction > 0.0) {
+            const Mover mover = mover_of(motion, vertex.entry, place);
+            const double most = tool.friction * norm(force);
+            force = along(force, friction_force(now, next, mover, force, gap.normal, most), 1.0);
         }
         // What acts on the body is rounded to its precision; just that acts back on the tool.
         Point acting{};

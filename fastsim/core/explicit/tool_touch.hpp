@@ -10,7 +10,8 @@
 //              with the slip, by v dt / r, and pushes it on, a damping of -f dt / r
 //  facets      the penalty integrated over facets, f = k A w max(0, -g) n at each of their points;
 //              see ContactRule of Python
-//  friction    the force that stops the slip of the step ahead, at most mu times the normal force
+//  friction    the force that stops the slip of the step ahead, at most mu times the normal force;
+//              not of the penalty over facets
 //
 // Vertices are first held against the tool's box. Forces on the tool are minus the sums of those
 // on the vertices, to the last bit.
@@ -88,6 +89,11 @@ Mover mover_of(const Motion<Real> &motion, std::size_t entry, const Point &place
     }
     return mover;
 }
+
+/// The force on a vertex under another that stops its slip over the tool in the step ahead, across
+/// a normal, at most so large [N].
+Point friction_force(const Pose &now, const Pose &next, const Mover &mover, const Point &pushed,
+                     const Point &normal, double most);
 
 /// Takes the forces of a tool on some vertices off the body's, and adds them to the push; the
 /// records of touched ones are added to those of the thread. Of vertices near the tool it notes

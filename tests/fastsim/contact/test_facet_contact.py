@@ -374,17 +374,6 @@ def test_friction_on_a_plane_is_that_of_vertices(slab: TetMesh) -> None:
     assert np.abs(found[1].moments - found[0].moments).max() < 1e-6 * normal
 
 
-def test_a_ball_is_dragged_by_friction_as_it_is_at_vertices(slab: TetMesh) -> None:
-    at = np.array([[0.4, 0.5, 0.9], [0.4, 0.5, 0.86], [0.5, 0.5, 0.86], [0.6, 0.5, 0.86]])
-    dragged = []
-    for rule in ContactRule:
-        tool = RigidTool(BALL, ToolPath(np.arange(4.0), at), 0.2, contact=rule)
-        force = solve_contact(standing(slab, tool)).forces[-1, 0]
-        free = solve_contact(standing(slab, replace(tool, friction_coefficient=0.0))).forces[-1, 0]
-        dragged.append((free[0] - force[0]) / force[2])
-    assert dragged == pytest.approx([0.2, 0.2], abs=0.02)
-
-
 @pytest.mark.parametrize("law", [ContactLaw(), ContactLaw(ContactForm.PENALTY)])
 @pytest.mark.parametrize("rule", list(ContactRule))
 def test_facets_of_fixed_points_take_no_part(

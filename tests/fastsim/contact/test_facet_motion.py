@@ -113,12 +113,15 @@ def test_no_point_of_a_facet_pulls(slab: TetMesh) -> None:
     assert contact.sampling.areas.sum() == pytest.approx(contact.sampling.patch_areas.sum())
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.4])
 @pytest.mark.parametrize("precision", list(Precision))
-def test_the_tool_feels_what_a_free_body_gains(make_box: MakeBox, precision: Precision) -> None:
+def test_the_tool_feels_what_a_free_body_gains(
+    make_box: MakeBox, precision: Precision, friction: float
+) -> None:
     mesh = make_box((4, 4, 4), (0.5, 0.5, 0.5))
     lying = np.repeat([[np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]], 2, axis=0)
     path = ToolPath(np.array([0.0, 0.4]), np.array([[0.2, 0.3, 0.701], [0.23, 0.3, 0.62]]), lying)
-    tool = RigidTool(CapsuleShape(0.2, 0.3), path, contact=ContactRule.FACETS)
+    tool = RigidTool(CapsuleShape(0.2, 0.3), path, friction, contact=ContactRule.FACETS)
     span = TimeSpan(0.4, time_step=2e-3, num_outputs=2)
     run = simulate(Problem(mesh, SOFT, (), (), span, (tool,)), precision=precision, num_threads=2)
     momentum = (Body(mesh, SOFT).lumped_mass[:, None] * run.velocity).sum(axis=0)
@@ -129,13 +132,15 @@ def test_the_tool_feels_what_a_free_body_gains(make_box: MakeBox, precision: Pre
     assert np.abs(momentum + impulse).max() < scale * np.linalg.norm(momentum)
 
 
-@pytest.mark.parametrize("law", [PENALTY, ContactLaw()])
+@pytest.mark.parametrize(
+    ("law", "friction"), [(PENALTY, 0.0), (ContactLaw(), 0.0), (ContactLaw(), 0.4)]
+)
 @pytest.mark.parametrize("element", list(Element))
 def test_energy_balances_with_the_tools_work(
-    slab: TetMesh, element: Element, law: ContactLaw
+    slab: TetMesh, element: Element, law: ContactLaw, friction: float
 ) -> None:
     left = []
-    problem = pressed(slab, replace(BALL, path=FARTHER))
+    problem = pressed(slab, replace(BALL, path=FARTHER, friction_coefficient=friction))
     for step in (4e-3, 1e-3):
         timed = replace(problem, time=replace(problem.time, time_step=step))
         run = simulate(timed, element=element, tracks_energy=True, contact=law)
@@ -145,6 +150,29 @@ def test_energy_balances_with_the_tools_work(
     assert left[1] < 3e-3
     # With the constraint a vertex that comes to the tool stops within a step, however short.
     assert law is not PENALTY or left[1] < 0.5 * left[0]
+
+
+@pytest.mark.parametrize("element", list(Element))
+def test_friction_takes_energy_and_never_gives_any(slab: TetMesh, element: Element) -> None:
+    """A free body is thrown against a ball that rests, and rebounds along it."""
+    still = ToolPath(np.zeros(1), np.array([[0.5, 0.5, 0.94]]))
+    thrown = np.tile([0.3, 0.0, 0.4], (slab.num_points, 1))
+    lost = []
+    for friction in (0.0, 0.3):
+        ball = RigidTool(SphereShape(0.4), still, friction, contact=ContactRule.FACETS)
+        problem = Problem(slab, SOFT, (), (), TimeSpan(0.4, num_outputs=40), (ball,))
+        run = simulate(problem, velocity=thrown, element=element, tracks_energy=True)
+        energies = run.energies
+        assert energies is not None
+        whole = energies.strain + energies.kinetic
+        lost.append(whole[0] - whole[-1])
+        # Nothing else takes or gives energy; what comes to the ball stops within a step.
+        off = np.abs(energies.balance - energies.balance[0]).max()
+        assert off < 2e-3 * whole[0]
+        impulse = run.tools[0].mean_forces.sum(axis=0)
+    assert np.diff(whole).max() <= 1e-12 * whole[0]
+    assert lost[1] > 2.0 * lost[0] > 0.0
+    assert 0.2 * impulse[2] < impulse[0] < 0.4 * impulse[2]
 
 
 @pytest.mark.parametrize("precision", list(Precision))
@@ -199,8 +227,11 @@ def test_what_knows_vertices_only_says_so(slab: TetMesh) -> None:
         simulate(pressed(slab, box), contact=ContactLaw())
     assert caught.value.tool == 0
     assert 'contact = "vertices"' in str(caught.value)
-    with pytest.raises(FacetContactError, match="friction"):
-        simulate(pressed(slab, replace(BALL, friction_coefficient=0.1)))
+    for law, shape in ((PENALTY, BALL.shape), (None, SHAPES["box"][0])):
+        with pytest.raises(FacetContactError, match=r"a penalty, .* has no friction there"):
+            simulate(
+                pressed(slab, replace(BALL, shape=shape, friction_coefficient=0.1)), contact=law
+            )
     if "warp:cpu" in known_devices():
         with pytest.raises(UnsupportedOnDeviceError, match="contact over facets"):
             simulate(problem, device="warp:cpu")

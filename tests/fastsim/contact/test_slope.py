@@ -12,8 +12,12 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import side
 from palpate.meshes.problem import Element, TimeSpan
-from palpate.meshes.rigid_tool import ToolPath
+from palpate.meshes.rigid_tool import ContactRule, ToolPath
+from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
+
+if is_available():
+    from palpate.reference.stepping import simulate_explicit
 
 SLOPE, FRICTION = 0.1, 0.3
 LIMIT = (SLOPE + FRICTION) / (1.0 - FRICTION * SLOPE)  # F / G at the onset of sliding
@@ -30,9 +34,23 @@ def test_the_numbers_of_the_case_are_the_closed_form() -> None:
     assert case.problem.mesh.volume * 9.81 * 1000.0 == pytest.approx(WEIGHT, rel=1e-12)
 
 
+@pytest.mark.dolfinx
+def test_over_facets_both_find_the_closed_form() -> None:
+    problem = load_case("slope").with_contact(ContactRule.FACETS).problem
+    assert problem.tools[0].contact is ContactRule.FACETS
+    ours, theirs = simulate(problem), simulate_explicit(problem)
+    forces = theirs.tool_forces[0]
+    assert forces[-1, 0] == pytest.approx(LIMIT * WEIGHT, rel=1e-3)
+    assert forces[-1, 2] == pytest.approx(-WEIGHT, rel=1e-3)
+    assert np.abs(ours.tools[0].mean_forces - forces).max() < 1e-10 * WEIGHT
+    size = np.abs(theirs.displacements).max()
+    assert np.abs(ours.displacements - theirs.displacements).max() < 1e-10 * size
+
+
+@pytest.mark.parametrize("rule", list(ContactRule))
 @pytest.mark.parametrize("part", [0.98, 1.02])
-def test_the_case_tells_two_per_cent_of_friction(part: float) -> None:
-    case = load_case("slope")
+def test_the_case_tells_two_per_cent_of_friction(part: float, rule: ContactRule) -> None:
+    case = load_case("slope").with_contact(rule)
     tool = dataclasses.replace(case.problem.tools[0], friction_coefficient=part * FRICTION)
     found = simulate(dataclasses.replace(case.problem, tools=(tool,)))
     (check,) = [c for c in case.checks if c.component == "x"]

@@ -12,6 +12,7 @@ from palpate.fastsim.contact.errors import FacetContactError, ToolInsideError
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.bricks import brick_box, side, support_of
 from palpate.meshes.errors import InputError
@@ -34,6 +35,7 @@ from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
+    from palpate.reference.contact import explicit_tools
     from palpate.reference.dynamics import simulate_implicit
     from palpate.reference.statics import solve_static
     from palpate.reference.stepping import simulate_explicit
@@ -118,12 +120,49 @@ def test_a_surface_in_equilibrium(strain: Strain) -> None:
     assert np.abs(ours.displacements[-1] - theirs.displacement).max() <= 1e-8 * largest
 
 
-@pytest.mark.parametrize("name", ["sphere", "box"])
-def test_friction(name: str) -> None:
-    assert_alike(slab(dataclasses.replace(TOOLS[name], friction_coefficient=0.3)), Strain.GREEN)
+def rough(rule: ContactRule, given: RigidTool, friction: float = 0.3) -> RigidTool:
+    return dataclasses.replace(over(rule, given), friction_coefficient=friction)
 
 
-def test_friction_of_a_tool_that_turns_on_vertices_held_in_part() -> None:
+@pytest.mark.parametrize(
+    ("name", "rule", "element"),
+    [
+        ("sphere", ContactRule.VERTICES, Element.LINEAR),
+        ("box", ContactRule.VERTICES, Element.LINEAR),
+        ("sphere", ContactRule.FACETS, Element.LINEAR),
+        ("sphere", ContactRule.FACETS, Element.SMOOTHED),
+        ("plane", ContactRule.FACETS, Element.LINEAR),
+    ],
+)
+def test_friction(name: str, rule: ContactRule, element: Element) -> None:
+    assert_alike(slab(rough(rule, TOOLS[name])), Strain.GREEN, element)
+
+
+@pytest.mark.parametrize("fault", ["a tenth more", "reversed"])
+def test_a_fault_of_friction_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = slab(rough(ContactRule.FACETS, TOOLS["sphere"]))
+    problem = dataclasses.replace(problem, time=TimeSpan(0.3, 5e-4, 5.0, 6))
+    ours = simulate(problem)
+    if fault == "reversed":
+        right = explicit_tools._SteppedTool._drag
+
+        def reversed_drag(*args: object) -> Points:
+            return -right(*args)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(explicit_tools._SteppedTool, "_drag", reversed_drag)
+    else:
+        problem = dataclasses.replace(
+            problem, tools=(rough(ContactRule.FACETS, TOOLS["sphere"], 0.33),)
+        )
+    theirs = simulate_explicit(problem)
+    forces = ours.tools[0].mean_forces
+    assert np.abs(theirs.tool_forces[0] - forces).max() > 1e-3 * np.abs(forces).max()
+    apart = np.abs(theirs.displacements - ours.displacements).max()
+    assert apart > 1e8 * ALIKE * np.abs(ours.displacements).max()
+
+
+@pytest.mark.parametrize("rule", list(ContactRule))
+def test_friction_of_a_tool_that_turns_on_vertices_held_in_part(rule: ContactRule) -> None:
     """Vertices stick to the roller and slip on it; along y they are fixed."""
     path = TOOLS["capsule"].path
     half = np.array([0.0, 0.1, 0.4])[:, None]
@@ -131,9 +170,8 @@ def test_friction_of_a_tool_that_turns_on_vertices_held_in_part() -> None:
     lying, rolled = np.array([1.0, -1.0, 0.0, 0.0]) * 0.5**0.5, np.zeros((3, 4))
     rolled[:, :] = np.cos(half) * lying + np.sin(half) * np.array([0.0, 0.0, 1.0, 1.0]) * 0.5**0.5
     roller = dataclasses.replace(
-        TOOLS["capsule"],
-        path=ToolPath(path.times, path.positions, rolled),
-        friction_coefficient=0.4,
+        rough(rule, TOOLS["capsule"], 0.4),
+        path=ToolPath(path.times, over(rule, TOOLS["capsule"]).path.positions, rolled),
     )
     mesh = load_case("press").problem.mesh
     top = np.flatnonzero(mesh.points[:, 2] > 0.0199).astype(np.int32)
@@ -178,27 +216,47 @@ def test_averages_over_facets(name: str, element: Element) -> None:
 
 
 def test_what_is_known_at_vertices_only_is_refused_by_both() -> None:
-    rough = dataclasses.replace(TOOLS["sphere"], friction_coefficient=0.3)
-    for refused in (rough, TOOLS["box"]):
-        with pytest.raises(ToolError, match='or contact = "vertices"'):
-            simulate_explicit(slab(over(ContactRule.FACETS, refused)))
+    with pytest.raises(ToolError, match='or contact = "vertices"'):
+        simulate_explicit(slab(over(ContactRule.FACETS, TOOLS["box"])))
     with pytest.raises(FacetContactError, match="friction"):
-        ExplicitBody(slab(over(ContactRule.FACETS, rough)))
+        ExplicitBody(
+            slab(rough(ContactRule.FACETS, TOOLS["sphere"])),
+            contact=ContactLaw(ContactForm.PENALTY),
+        )
     with pytest.raises(FacetContactError, match="box"):
         ExplicitBody(
             slab(over(ContactRule.FACETS, TOOLS["box"])), contact=ContactLaw(ContactForm.CONSTRAINT)
         )
 
 
-def plate_drawn_over_a_block(number: int, time_step: float) -> Problem:
+def plate_drawn_over_a_block(
+    number: int, time_step: float, rule: ContactRule = ContactRule.VERTICES
+) -> Problem:
     """20 x 20 x 10 mm in bricks, `number` high; a plate presses it and is drawn 2 mm along."""
     mesh = brick_box((2 * number, 2 * number, number), (0.02, 0.02, 0.01))
     places = 1e-3 * np.array([[0, 0, 10.01], [0, 0, 9.6], [2, 0, 9.6]])
     path = smooth_path(ToolPath(np.array([0.0, 0.06, 0.12]), places, np.array([DOWN] * 3)))
-    plate = RigidTool(PlaneShape(), path, 0.3, side(mesh, 2, 0.01))
+    plate = RigidTool(PlaneShape(), path, 0.3, side(mesh, 2, 0.01), contact=rule)
     span = TimeSpan(0.12, time_step, mass_damping=200.0, num_outputs=6)
     bottom = support_of(side(mesh, 2, 0.0))
     return Problem(mesh, Material(1e4, 0.3, 1000.0), (bottom,), (), time=span, tools=(plate,))
+
+
+def test_over_facets_a_plate_sticks_and_slips_as_at_vertices() -> None:
+    """What is linear is averaged to its value at the vertex; in the end it slides at mu N.
+
+    A vertex slides a thousandth of its way across, too: along it is mu N up to its square.
+    """
+    found = [
+        simulate(plate_drawn_over_a_block(2, 2.5e-4, rule), strain=Strain.LINEAR)
+        for rule in ContactRule
+    ]
+    force = found[1].tools[0].mean_forces
+    assert abs(force[3, 0]) < 0.01 * force[3, 2]
+    assert force[-1, 0] == pytest.approx(-0.3 * force[-1, 2], rel=1e-5)
+    size = np.abs(found[0].displacements).max()
+    assert np.abs(found[1].displacements - found[0].displacements).max() < ALIKE * size
+    assert np.abs(force - found[0].tools[0].mean_forces).max() < ALIKE * force.max()
 
 
 def test_finer_meshes_and_steps_come_to_the_truth_with_friction() -> None:

@@ -141,6 +141,77 @@ def test_gaps_forces_and_moment_are_those_of_the_definition() -> None:
     np.testing.assert_allclose(state.moment, moment, atol=1e-9 * scale)
 
 
+def friction_by_hand(mesh, facets, displacements, poses, pressures, penalty, coefficient):
+    """Coulomb's forces on all points, and which vertices slip, by the averages of the slip.
+
+    From one displacement and pose of the ball to the other; a pose is a position and a rotation.
+    """
+    areas, slips, normals = (np.zeros((mesh.num_points, k)) for k in (1, 3, 3))
+    (first, turned), (last, turn) = poses
+    before, after = (mesh.points + u for u in displacements)
+    rows = []
+    for facet in facets:
+        a, b, c = mesh.points[facet]
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+        areas[facet] += area / 3
+        for beta in points_of_quarters():
+            here, there = beta @ after[facet], beta @ before[facet]
+            carried = last + turn @ turned.T @ (there - first)  # with the tool, had it stuck
+            arm = here - last
+            dual = area / 12 * (4 * beta - 1)[:, None]
+            slips[facet] += dual * (here - carried)
+            normals[facet] += dual * arm / np.linalg.norm(arm)
+            rows.append((facet, dual, beta))
+    areas = np.where(areas > 0.0, areas, 1.0)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    trial = -penalty * slips / areas
+    trial -= np.sum(trial * normals, axis=1)[:, None] * normals
+    size, bound = np.linalg.norm(trial, axis=1), coefficient * pressures
+    trial *= (np.minimum(size, bound) / np.where(size > 0.0, size, 1.0))[:, None]
+    forces = np.zeros_like(after)
+    for facet, dual, beta in rows:
+        forces[facet] += np.outer(beta, np.sum(dual * trial[facet], axis=0))
+    return forces, size > bound
+
+
+def test_friction_is_that_of_the_slip_averaged_over_the_facets() -> None:
+    """Under a ball that moves on and turns: some vertices stick, others slip."""
+    mesh = ragged()
+    top = mesh.facet_groups["z1"]
+    turns = np.array([[1.0, 0.0, 0.0, 0.0], [0.9999, 0.006, 0.01, -0.008]])
+    turns /= np.linalg.norm(turns, axis=1)[:, None]
+    path = ToolPath([0.0, 1.0], [[0.47, 0.52, 1.42], [0.48, 0.5, 1.4]], turns)
+    tool = RigidTool(SphereShape(0.5), path, 0.4, top, contact="facets")
+    eq = DiscreteProblem(pressing(tool, mesh), strain=Strain.GREEN, degree=1)
+    (contact,) = eq.contacts
+    rng = np.random.default_rng(11)
+    at_points = [1e-2 * rng.standard_normal((mesh.num_points, 3)) for _ in range(2)]
+    first, last = (eq.space.from_points(u) for u in at_points)
+    contact.weigh(0.004)
+    contact.keep(first)
+    contact.set_time(1.0)
+    point = np.empty(eq.space.num_blocks, dtype=int)
+    point[eq.space.dof_of_point] = np.arange(mesh.num_points)
+    own, pressures = point[contact.points.nodes], np.zeros(mesh.num_points)
+    pressures[own] = contact.pressure[:] = rng.uniform(0.0, 2000.0, len(own))
+    poses = [(at, rotation_matrix(q)) for at, q in zip(path.positions, turns, strict=True)]
+    given = (pressures, contact._penalty)
+    is_fixed = ~np.isin(np.arange(mesh.num_points), own)
+    _, _, forces, moment = by_hand(mesh, top, at_points[1], *poses[1][:1], 0.5, *given, is_fixed)
+    drags, slip = friction_by_hand(mesh, top, at_points, poses, *given, 0.4)
+    assert 3 < slip[own].sum() < len(own) - 3
+    scale = np.abs(drags).max()
+    assert scale > 0.05 * np.abs(forces).max()
+    found = eq.space.at_points(eq.contact_force(last))
+    np.testing.assert_allclose(found, forces + drags, atol=1e-11 * scale)
+    state = contact.state(last)
+    np.testing.assert_allclose(state.force, -found.sum(axis=0), atol=1e-11 * scale)
+    # The dual functions leave the friction of a vertex at that vertex.
+    arms = mesh.points + at_points[1] - path.positions[1]
+    moment = moment - np.cross(arms, drags).sum(axis=0)
+    np.testing.assert_allclose(state.moment, moment, atol=1e-11 * scale)
+
+
 def test_one_facet_against_a_plane_has_the_gaps_of_its_vertices() -> None:
     """A gap that is linear is averaged to its value at a vertex, whose force stays there."""
     points = np.array([[0.0, 0.0, 0.0], [1.2, 0.1, 0.0], [0.3, 0.9, 0.2], [0.2, 0.3, -1.0]])
@@ -166,17 +237,21 @@ def test_one_facet_against_a_plane_has_the_gaps_of_its_vertices() -> None:
 
 @pytest.mark.parametrize("kind", LINEAR, ids=IDS)
 @pytest.mark.parametrize(
-    ("shape", "height", "rotation"),
+    ("shape", "height", "rotation", "friction"),
     [
-        pytest.param(SphereShape(0.5), 1.4, DOWN, id="sphere"),
-        pytest.param(CapsuleShape(0.3, 0.4), 1.2, LYING, id="capsule"),
-        pytest.param(PlaneShape(), 0.95, (0.1, 0.99, 0.1, 0.0), id="plane"),
-        pytest.param(SurfaceShape(shape_sphere(0.5, edge_length=0.25)), 1.4, DOWN, id="surface"),
+        pytest.param(SphereShape(0.5), 1.4, DOWN, 0.0, id="sphere"),
+        pytest.param(CapsuleShape(0.3, 0.4), 1.2, LYING, 0.0, id="capsule"),
+        pytest.param(PlaneShape(), 0.95, (0.1, 0.99, 0.1, 0.0), 0.0, id="plane"),
+        pytest.param(PlaneShape(), 0.95, (0.1, 0.99, 0.1, 0.0), 0.1, id="friction"),
+        pytest.param(
+            SurfaceShape(shape_sphere(0.5, edge_length=0.25)), 1.4, DOWN, 0.0, id="surface"
+        ),
     ],
 )
-def test_tangent_is_symmetric_and_the_derivative(shape, height, rotation, kind):
+def test_tangent_is_symmetric_and_the_derivative(shape, height, rotation, friction, kind):
+    """With friction of a plane alone: the turn of the normal is left out of its tangent."""
     turn = np.array(rotation) / np.linalg.norm(rotation)
-    problem = pressing(pressed(shape, (height,), rotation=turn))
+    problem = pressing(pressed(shape, (height,), rotation=turn, friction_coefficient=friction))
     element = kind.get("element", palpate.Element.LINEAR)
     eq = DiscreteProblem(problem, strain=Strain.GREEN, degree=1, element=element)
     rng = np.random.default_rng(5)
@@ -187,6 +262,10 @@ def test_tangent_is_symmetric_and_the_derivative(shape, height, rotation, kind):
     contact.weigh(0.01)
     wanted = rng.uniform(-300.0, 900.0, len(contact.pressure))
     contact.pressure = wanted + contact._penalty * contact.points.gaps(contact._distance(u).gap)
+    if friction:  # of which it is the bound
+        contact.pressure = np.maximum(0.0, contact.pressure)
+    drag = contact._dragged(u, contact._distance(u))
+    assert not friction or 3 < drag.sticks.sum() < (drag.traction != 0.0).any(axis=1).sum() - 3
     with_contact = dense(eq.tangent(u, 1.0))
     np.testing.assert_allclose(
         with_contact, with_contact.T, atol=1e-12 * np.abs(with_contact).max()
@@ -406,17 +485,22 @@ def test_a_plane_moves_a_body_alike_by_facets_and_by_vertices(is_driven):
     assert np.abs(over_facets.velocities).max() > 0.1 * size
 
 
-def test_at_the_end_of_a_step_the_surface_in_contact_moves_with_the_tool() -> None:
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_at_the_end_of_a_step_the_surface_in_contact_moves_with_the_tool(friction) -> None:
     """By the smallest change of the velocities, in averages over the facets."""
-    eq = DiscreteProblem(
-        pressing(pressed(SphereShape(0.5), (1.45, 1.4))), strain=Strain.GREEN, degree=1
-    )
+    tool = pressed(SphereShape(0.5), (1.45, 1.4), friction_coefficient=friction)
+    eq = DiscreteProblem(pressing(tool), strain=Strain.GREEN, degree=1)
     (contact,) = eq.contacts
     rng = np.random.default_rng(8)
     contact.set_time(1.0)
-    surface = contact.touching(1e-2 * rng.standard_normal(eq.num_dofs), 0.1)
+    u = 1e-2 * rng.standard_normal(eq.num_dofs)
+    contact.weigh(0.01)
+    contact.keep(0.5 * u)
+    contact.pressure = rng.uniform(0.0, 900.0, len(contact.pressure))
+    surface = contact.touching(u, 0.1)
     assert 3 < surface.is_active.sum() < len(surface.is_active)
-    assert not surface.sticks.any()
+    assert not surface.sticks.any() if not friction else surface.sticks.sum() > 1
+    assert (surface.is_active & ~surface.sticks).sum() > 1
     np.testing.assert_allclose(surface.velocities - [0.0, 0.0, -0.05], 0.0, atol=1e-13)
     before = rng.standard_normal((eq.num_dofs // 3, 3))
     change = surface.change(before, surface.velocities)
@@ -427,6 +511,14 @@ def test_at_the_end_of_a_step_the_surface_in_contact_moves_with_the_tool() -> No
     for row, dofs, values in zip(rows, *contact.points.gradients(surface.normals), strict=True):
         row[dofs] = values
     rows = rows[surface.is_active]
+    # Where it sticks all of the averages: along the gap, and across the average of the normals.
+    normals = contact.points.normals(surface.normals)
+    for k in np.flatnonzero(surface.sticks):
+        across = np.eye(3) - np.outer(normals[k], normals[k])
+        own = (before + change)[contact.points.nodes[k]]
+        np.testing.assert_allclose(across @ (own - [0.0, 0.0, -0.05]), 0.0, atol=1e-12)
+        rows = np.vstack([rows, np.zeros((3, eq.num_dofs))])
+        rows[-3:, contact.points.own_dofs[k]] = across
     # The least one is a combination of the gradients of the active constraints.
     parts = np.linalg.lstsq(rows.T, change.ravel(), rcond=None)[0]
     np.testing.assert_allclose(parts @ rows, change.ravel(), atol=1e-12)
@@ -456,11 +548,12 @@ def test_a_ball_over_facets_comes_to_rest_where_statics_have_it(is_driven):
     np.testing.assert_allclose(found.tool_forces[0, -1], force, atol=1e-3 * force[2])
 
 
-def test_a_ball_gives_a_free_body_the_momentum_of_its_impulse() -> None:
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_ball_gives_a_free_body_the_momentum_of_its_impulse(friction) -> None:
     """The velocities that the surface takes from the tool are in the impulse, too."""
     mesh = ragged()
     path = ToolPath([0.0, 1.0], [[0.47, 0.52, 1.51], [0.57, 0.52, 0.51]])
-    ball = RigidTool(SphereShape(0.5), path, contact="facets")
+    ball = RigidTool(SphereShape(0.5), path, friction, contact="facets")
     material = Material(1e4, 0.3, 1e3)
     problem = moving(Problem(mesh, material, (), (), tools=(ball,)), 0.2, 0.01)
     found = simulate_implicit(problem, degree=1, spectral_radius=0.5, is_mass_lumped=True)
@@ -482,9 +575,7 @@ def test_degree_2_has_contact_at_its_nodes_whatever_the_rule() -> None:
 
 def test_what_is_not_modelled_over_facets_is_refused(monkeypatch) -> None:
     ball = pressed(SphereShape(0.5), (1.5, 1.42))
-    with pytest.raises(ToolError, match=r'"facets" and friction of 0.3: .*"vertices"'):
-        solve_static(pressing(dataclasses.replace(ball, friction_coefficient=0.3)))
-    with pytest.raises(ToolError, match="and is a box"):
+    with pytest.raises(ToolError, match=r'"facets" and is a box, .*"vertices"'):
         solve_static(pressing(pressed(BoxShape((0.3, 0.3, 0.2)), (1.2, 1.15))))
     box = moving(pressing(pressed(BoxShape((0.3, 0.3, 0.2)), (1.25, 1.15))), 1.0, 0.25)
     with pytest.raises(ToolError, match="and is a box"):
