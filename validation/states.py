@@ -302,6 +302,14 @@ class State:
     steps: Steps | None = None
     problem: Problem | None = None
 
+    def __repr__(self) -> str:
+        """Its numbers in a line; the arrays would fill a notebook."""
+        return (
+            f"<State of {self.label}, {self.strain} strain: {len(self.displacement)} points, largest "
+            f"displacement {self.max_displacement:.4g} m, volume {self.volume:.6g} m3, surface area "
+            f"{self.surface_area:.6g} m2, smallest det F {self.smallest_det_f:.4g}>"
+        )
+
     def grid(self, step: int = -1) -> UnstructuredGrid:
         """The body at an output time: see `palpate.to_pyvista`.
 

@@ -224,10 +224,17 @@ def load_cases(names: Sequence[str]) -> list[Case]:
     """Read several cases; their names distinguish their results.
 
     Raises:
-        CaseError: See `load_case`; or two cases of one name, small or capital: their files would
+        CaseError: See `load_case`, of each that cannot be read; or two cases of one name, small or capital: their files would
             be one where a file system does not distinguish these.
     """
-    cases = [load_case(name) for name in names]
+    cases, whys = [], []
+    for name in names:
+        try:
+            cases.append(load_case(name))
+        except CaseError as error:
+            whys.append(str(error))
+    if whys:
+        raise CaseError("; ".join(whys))
     seen: dict[str, Path] = {}
     for case in cases:
         other = seen.setdefault(case.name.casefold(), case.path)

@@ -101,22 +101,23 @@ def write_report(
 ) -> Path:
     """Write the pages with their pictures and tables into a folder that exists.
 
-    One case gives report.html; several give NAME.html each, and index.html that links them. A
-    picture that cannot be drawn is replaced by a message; the verdict never depends on it.
+    One case gives report.html; several give NAME.html each, and index.html that links them, with
+    the reason of each that has no check because it could not be judged. A picture that cannot be drawn is replaced by a message; the verdict never depends on it.
     `figures` is the form in which each figure is also written for a paper. Returns the page to open
     first.
     """
     environment = report_environment()
     if len(results) == 1:
         return _write_case(environment, results[0], folder / "report.html", "", figures)
-    for result in results:
+    judged = [result for result in results if result.checks]
+    for result in judged:
         _write_case(environment, result, folder / f"{result.name}.html", INDEX, figures)
     path = folder / INDEX
     page = environment.get_template("index.html.j2").render(
         results=results, verdict=gravest([r.verdict for r in results]), closest=_closest,
         tone=tone_of(results), narrow=sum(r.tone == "narrow" for r in results),
-        truths={r.name: trust_of(r).scale[:1] for r in results},
-        pictures={r.name: _small(folder / f"{r.name}-states.png") for r in results},
+        truths={r.name: trust_of(r).scale[:1] for r in judged},
+        pictures={r.name: _small(folder / f"{r.name}-states.png") for r in judged},
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path
