@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from judged import GREEN, LINEAR, case_of, failed
+from rich.console import Console
 
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
@@ -238,3 +239,14 @@ def test_results_and_states_are_printed_without_their_arrays(softer):
     assert any(line.startswith("  Diagnosis, green strain: fits ") for line in lines)
     assert "array(" not in str([softer, softer.states, softer.problem.mesh])
     assert "44 points" in repr(softer.states[0])
+
+
+def test_no_name_of_a_metric_is_broken_and_no_row_is_cut_off_in_a_narrow_table(softer):
+    metrics = ("published_displacement", "volume")
+    checks = tuple(dataclasses.replace(softer.checks[0], metric=metric) for metric in metrics)
+    console = Console(record=True, width=80)
+    outputs.print_results([dataclasses.replace(softer, checks=checks)], console)
+    text = console.export_text()
+    rows = [line for line in text.splitlines() if line.startswith(("┃", "│"))]
+    assert any("published_displacement" in row for row in rows)
+    assert all(len(row) <= 80 and row[-1] in "┃│" for row in rows)
