@@ -237,7 +237,8 @@ def test_results_and_states_are_printed_without_their_arrays(softer):
     assert lines[0] == "block: failed"
     assert all(check.message in str(softer) for check in failed(softer))
     assert any(line.startswith("  Diagnosis, green strain: fits ") for line in lines)
-    assert "array(" not in str([softer, softer.states, softer.problem.mesh])
+    mesh = softer.problem.mesh
+    assert "array(" not in str([softer, softer.states, mesh, mesh.surface()])
     assert "44 points" in repr(softer.states[0])
 
 
