@@ -33,6 +33,7 @@ from palpate.validation.judging.error_budget import (
 )
 from palpate.validation.judging.outputs import citation
 from palpate.validation.judging.results import CaseResult, tone_of
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.quoting import for_html
 from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
@@ -255,8 +256,14 @@ def _measured_svg(result: CaseResult) -> str:
 
 
 def case_lines(text: str) -> list[tuple[str, bool]]:
-    """Lines of a case file, and whether paper has them: keys that are commented out are not."""
-    return [(line, not _UNUSED_KEY.match(line)) for line in text.splitlines()]
+    """Lines of a case file, and whether paper has them.
+
+    Keys that are commented out are not on paper, nor is the list of metrics that `init` writes.
+    """
+    metrics = {f"#   {each.name}: {each.meaning}" for each in CATALOGUE.values()}
+    return [
+        (line, not _UNUSED_KEY.match(line) and line not in metrics) for line in text.splitlines()
+    ]
 
 
 def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:
