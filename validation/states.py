@@ -305,9 +305,9 @@ class State:
     def __repr__(self) -> str:
         """Its numbers in a line; the arrays would fill a notebook."""
         return (
-            f"<State of {self.label}, {self.strain} strain: {len(self.displacement)} points, largest "
-            f"displacement {self.max_displacement:.4g} m, volume {self.volume:.6g} m3, surface area "
-            f"{self.surface_area:.6g} m2, smallest det F {self.smallest_det_f:.4g}>"
+            f"<State of {self.label}, {self.strain} strain: {len(self.displacement)} points, "
+            f"largest displacement {self.max_displacement:.4g} m, volume {self.volume:.6g} m3, "
+            f"surface area {self.surface_area:.6g} m2, smallest det F {self.smallest_det_f:.4g}>"
         )
 
     def grid(self, step: int = -1) -> UnstructuredGrid:

@@ -73,10 +73,11 @@ def init(
     before = output.read_bytes() if output.exists() else None
     try:
         write_text_atomically(output, make())
-        progress_lines()("meshing and solving once, for a load of the size that it says")
+        progress = progress_lines()
+        progress("meshing and solving once, for a load of the size that it says")
         loaded = load_case(output)
         try:
-            mesh = loaded.problem.mesh
+            mesh = loaded.build(progress).mesh
         except InputError:  # a case of it would be of no use
             output.unlink()
             if before is not None:
@@ -127,7 +128,9 @@ def check(
         raise InputError(f"--picture {picture}: name a file with .png")
     loaded = load_case(case)
     require_outputs({"--picture": picture}, inputs=input_files([loaded]), force=force)
-    progress_lines()(f"reading and meshing {loaded.name}")
+    progress = progress_lines()
+    progress(f"reading and meshing {loaded.name}")
+    loaded.build(progress)
     _print_preview(loaded)
     if picture is not None:
         from palpate.validation.report.pictures import draw_case

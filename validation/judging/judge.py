@@ -111,6 +111,7 @@ def judge_case(
 
         return judge_near_tools(case, everybody, judge_one)
     progress(f"case {case.name}: {case.title}")
+    case.build(progress)
     progress(f"mesh {case.mesh_origin}")
     for judged in everybody:
         if missing := _missing_check(case, judged):

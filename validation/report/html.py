@@ -103,9 +103,9 @@ def write_report(
     """Write the pages with their pictures and tables into a folder that exists.
 
     One case gives report.html; several give NAME.html each, and index.html that links them, with
-    the reason of each that has no check because it could not be judged. A picture that cannot be drawn is replaced by a message; the verdict never depends on it.
-    `figures` is the form in which each figure is also written for a paper. Returns the page to open
-    first.
+    the reason of each that has no check because it could not be judged. A picture that cannot be
+    drawn is replaced by a message; the verdict never depends on it. `figures` is the form in which
+    each figure is also written for a paper. Returns the page to open first.
     """
     environment = report_environment()
     if len(results) == 1:

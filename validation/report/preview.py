@@ -18,6 +18,7 @@ from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.untrusted import parse_toml
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units

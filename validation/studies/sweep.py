@@ -104,7 +104,6 @@ def _in_words(key: str, case: Case) -> str:
     return f"{key} [{known[last]}]" if last in known else key
 
 
-
 def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
     """Up to which value linear strain may stand in for Green's, by the largest error of a row.
 

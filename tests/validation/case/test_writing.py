@@ -102,7 +102,8 @@ def test_a_file_from_elsewhere_is_copied_where_that_is_asked_for(tmp_path, palpa
 
 def test_a_surface_that_cannot_be_meshed_becomes_no_case_and_changes_none(tmp_path, palpate_run):
     one, other = (shape_sphere(1.0, edge_length=0.4) for _ in range(2))
-    points = np.vstack([one.points, other.points + [0.7, 0.1, 0.2]])  # through one another
+    # Through one another.
+    points = np.vstack([one.points, other.points + np.array([0.7, 0.1, 0.2])])
     facets = np.vstack([one.facets, other.facets + len(one.points)])
     write_surface(tmp_path / "both.stl", TriSurface(points, facets))
     case = tmp_path / "both.toml"
@@ -116,9 +117,7 @@ def test_a_surface_that_cannot_be_meshed_becomes_no_case_and_changes_none(tmp_pa
 
 
 @pytest.mark.parametrize(("unit", "asks"), [((), True), (("--unit", "mm"), False)])
-def test_a_guessed_unit_that_makes_a_body_of_2_mm_is_asked_about(
-    tmp_path, palpate_run, unit, asks
-):
+def test_a_guessed_unit_that_makes_a_body_of_2_mm_is_asked_about(tmp_path, palpate_run, unit, asks):
     write_surface(tmp_path / "ball.stl", shape_sphere(1.0, edge_length=0.4))
     done = palpate_run("init", tmp_path / "ball.stl", "-o", tmp_path / "ball.toml", *unit)
     assert done.returncode == 0
