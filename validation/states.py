@@ -341,7 +341,11 @@ class State:
         Returns:
             What pyvista's `plot` does.
         """
-        return self.grid(step).plot(**{"scalars": "displacement", **options})
+        from palpate.validation.report.pyvista_grid import BAR
+
+        bar = BAR if "scalars" in options else {**BAR, "title": "displacement [m]"}
+        asked = {"scalars": "displacement", "show_edges": True, "scalar_bar_args": bar, **options}
+        return self.grid(step).plot(**asked)
 
     def save(self, path: str | Path, step: int = -1) -> Path:
         """Write it for ParaView, whole or not at all.

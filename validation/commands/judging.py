@@ -460,7 +460,7 @@ def _require_builtin(cases: Sequence[Case]) -> None:
 
 def _print_answer(found: Trust, console: Console) -> None:
     """What the page begins with: what was found in a sentence each, and what to do next."""
-    lines = [f"{band.word}: {band.says}" for band in found.bands]
+    lines = [band.says for band in found.bands]
     for step in found.next:
         lines += [f"What to do next: {step.says}", *(f"    {line}" for line in step.commands)]
     for line in lines:
