@@ -123,6 +123,9 @@ class TetMesh:
         groups = dict(self.facet_groups), dict(self.point_groups), dict(self.cell_groups)
         return TetMesh, (self.points, self.cells, *groups)
 
+    def __repr__(self) -> str:
+        return f"<TetMesh of {self.num_points} points and {self.num_cells} cells>"
+
     @property
     def num_points(self) -> int:
         """Number of points."""

@@ -39,6 +39,9 @@ class TriSurface:
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "facets", checked_indices(self.facets, 3, len(points), "facets"))
 
+    def __repr__(self) -> str:
+        return f"<TriSurface of {len(self.points)} points and {len(self.facets)} facets>"
+
     @property
     def num_facets(self) -> int:
         """Number of triangles."""

@@ -38,7 +38,6 @@ def palpate_case() -> JudgeCase:
         **asked: Any,
     ) -> CaseResult:
         from palpate.validation import api
-        from palpate.validation.quoting import for_terminal
         from palpate.validation.states import Verdict
 
         if simulator is not None and result is not None:
@@ -48,11 +47,7 @@ def palpate_case() -> JudgeCase:
         else:
             judged = api.compare(case, Path(result), **asked)
         if judged.verdict is not Verdict.PASSED:
-            bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
-            lines = [f"  {c.verdict}: {c.name}: {c.message} ({c.reason})" for c in bad]
-            lines += [f"  {note}" for note in judged.notes]
-            lines = [for_terminal(line) for line in [f"{judged.name}: {judged.verdict}", *lines]]
-            pytest.fail("\n".join(lines), pytrace=False)
+            pytest.fail(str(judged), pytrace=False)
         return judged
 
     return judge

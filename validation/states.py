@@ -302,6 +302,14 @@ class State:
     steps: Steps | None = None
     problem: Problem | None = None
 
+    def __repr__(self) -> str:
+        """Its numbers in a line; the arrays would fill a notebook."""
+        return (
+            f"<State of {self.label}, {self.strain} strain: {len(self.displacement)} points, "
+            f"largest displacement {self.max_displacement:.4g} m, volume {self.volume:.6g} m3, "
+            f"surface area {self.surface_area:.6g} m2, smallest det F {self.smallest_det_f:.4g}>"
+        )
+
     def grid(self, step: int = -1) -> UnstructuredGrid:
         """The body at an output time: see `palpate.to_pyvista`.
 
@@ -333,7 +341,11 @@ class State:
         Returns:
             What pyvista's `plot` does.
         """
-        return self.grid(step).plot(**{"scalars": "displacement", **options})
+        from palpate.validation.report.pyvista_grid import BAR
+
+        bar = BAR if "scalars" in options else {**BAR, "title": "displacement [m]"}
+        asked = {"scalars": "displacement", "show_edges": True, "scalar_bar_args": bar, **options}
+        return self.grid(step).plot(**asked)
 
     def save(self, path: str | Path, step: int = -1) -> Path:
         """Write it for ParaView, whole or not at all.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
@@ -224,10 +224,17 @@ def load_cases(names: Sequence[str]) -> list[Case]:
     """Read several cases; their names distinguish their results.
 
     Raises:
-        CaseError: See `load_case`; or two cases of one name, small or capital: their files would
-            be one where a file system does not distinguish these.
+        CaseError: See `load_case`, of each that cannot be read; or two cases of one name, small or
+            capital: their files would be one where a file system does not distinguish these.
     """
-    cases = [load_case(name) for name in names]
+    cases, whys = [], []
+    for name in names:
+        try:
+            cases.append(load_case(name))
+        except CaseError as error:
+            whys.append(str(error))
+    if whys:
+        raise CaseError("; ".join(whys))
     seen: dict[str, Path] = {}
     for case in cases:
         other = seen.setdefault(case.name.casefold(), case.path)
@@ -395,11 +402,25 @@ class Case:
     @cached_property
     def mesh(self) -> BuiltMesh:
         """The mesh, and a line on who made it; InputError for what cannot be read or meshed."""
+        return self._built(None)
+
+    def build(self, progress: Callable[[str], None]) -> BuiltMesh:
+        """The mesh; what takes more than two seconds calls `progress` with how much is done."""
+
+        def per_cents(line: str) -> None:
+            if line.endswith("%"):
+                progress(line)
+
+        if "mesh" not in self.__dict__:
+            self.__dict__["mesh"] = self._built(per_cents)  # as the cached property would
+        return self.mesh
+
+    def _built(self, progress: Callable[[str], None] | None) -> BuiltMesh:
         from palpate.validation.case.meshing import BuiltMesh, build_mesh
 
         units = self.spec.units
         with units.in_own_words():
-            built = build_mesh(self.spec, self.folder)
+            built = build_mesh(self.spec, self.folder, progress)
         return BuiltMesh(built.mesh, units.in_case_units(built.origin))
 
     @cached_property

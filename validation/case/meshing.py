@@ -101,8 +101,10 @@ def _said(report: MeshingReport) -> str:
     return words + (" (the work on them is bounded)" if report.is_cut_short else "")
 
 
-def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
-    """Make or read the mesh of a case.
+def build_mesh(
+    spec: CaseSpec, folder: Path, progress: Callable[[str], None] | None = None
+) -> BuiltMesh:
+    """Make or read the mesh of a case; `progress` is called with what a mesher does.
 
     Raises:
         InputError: A file that cannot be read, a surface without a solid, or no mesher manages.
@@ -134,7 +136,7 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         name: load_surface(inside_folder(folder, surface), scale=scale)
         for name, surface in within.items()
     }
-    built = fill_loaded(loaded, spec.mesh, units, others)
+    built = fill_loaded(loaded, spec.mesh, units, others, Filling(progress))
     notes = [note for one in (loaded, *others.values()) for note in one.notes]
     return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
 

@@ -50,9 +50,11 @@ def init(
     force: Force = False,
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
+    from palpate.meshes.fingerprint import file_hash
     from palpate.meshes.temporaries import write_text_atomically
     from palpate.validation.case import load_case, require_case_name
     from palpate.validation.case.writing import first_case
+    from palpate.validation.report.preview import unusual_size
 
     if output.suffix != ".toml":
         raise InputError(f"{output}: a case file needs the ending .toml")
@@ -64,20 +66,32 @@ def init(
         there = output.parent / surface.name
         if not there.exists():
             beside = _copied(surface, there)
-        elif surface.exists() and not surface.samefile(there):
+        elif surface.exists() and file_hash(surface) != file_hash(there):
             raise OutputError(there, "is there already; rename one of the two")
         surface = there
     make = partial(first_case, surface, target=output, unit=unit, repair=repair)
+    before = output.read_bytes() if output.exists() else None
     try:
         write_text_atomically(output, make())
-        progress_lines()("meshing and solving once, for a load of the size that it says")
-        factor = _factor_of_guess(load_case(output))
+        progress = progress_lines()
+        progress("meshing and solving once, for a load of the size that it says")
+        loaded = load_case(output)
+        try:
+            mesh = loaded.build(progress).mesh
+        except InputError:  # a case of it would be of no use
+            output.unlink()
+            if before is not None:
+                output.write_bytes(before)
+            raise
+        factor = _factor_of_guess(loaded)
     except InputError:
         if beside is not None:
             beside.unlink()
         raise
     if factor is not None:
         write_text_atomically(output, make(factor=factor))
+    if unit is None and surface is not None:
+        print_lines((f"{odd} say --unit" for odd in unusual_size(mesh, "mm")), "warning: ")
     print(f"{output}: look at what is marked GUESS, then: palpate check {output}")
 
 
@@ -114,7 +128,9 @@ def check(
         raise InputError(f"--picture {picture}: name a file with .png")
     loaded = load_case(case)
     require_outputs({"--picture": picture}, inputs=input_files([loaded]), force=force)
-    progress_lines()(f"reading and meshing {loaded.name}")
+    progress = progress_lines()
+    progress(f"reading and meshing {loaded.name}")
+    loaded.build(progress)
     _print_preview(loaded)
     if picture is not None:
         from palpate.validation.report.pictures import draw_case

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from palpate.meshes.rigid_tool import ContactRule
     from palpate.validation.case import Case
     from palpate.validation.judging.results import CaseResult
+    from palpate.validation.report.trust import Trust
 
 
 def gate(
@@ -121,6 +122,7 @@ def gate(
     from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
 
+    outputs.discard_outputs(json, junit, summary, of_gates=True)  # also where this is refused
     # A device computes its steps in single precision where that is granted.
     is_single = device != "cpu" and precision is Precision.SINGLE
     given = candidates_for(
@@ -226,11 +228,7 @@ def gate(
     outputs.write_outputs(results, json=json, junit=junit, summary=summary)
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print("\n".join(outputs.github_annotations(results)))
-    if lost := [result for result in results if result.not_judged]:
-        if len(results) == 1:
-            raise InputError(lost[0].not_judged)
-        whys = "; ".join(f"{result.name}: {result.not_judged}" for result in lost)
-        raise InputError(f"{len(lost)} of {len(results)} cases not judged: {whys}")
+    _require_judged(results)
     if record_expected:
         known = expectation.with_results(expectation.read_expected(), results)
         write_text_atomically(expectation.FILE, expectation.expected_toml(known))
@@ -262,16 +260,18 @@ def report(
 ) -> None:
     """Solve with both, judge, and write the report with everything beside it.
 
-    One case gives report.html; several give a page each, and index.html.
+    One case gives report.html; several give a page each, and index.html. Of several, one that
+    cannot be judged is listed with the reason, and the exit code is then 2.
     """
     from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
     from palpate.validation.judging.case_references import is_truth_stored
-    from palpate.validation.judging.judge import judge_case, suitable_cases
+    from palpate.validation.judging.judge import judge_case, judge_or_say_why, suitable_cases
     from palpate.validation.output_files import input_files
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
+    from palpate.validation.report.trust import trust_of
     from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
 
     if every == bool(names):
@@ -305,16 +305,22 @@ def report(
     )
     if every:
         loaded = suitable_cases(loaded, candidates, progress)
-    results = [
-        judge_case(
-            c,
-            live=c.near_tool is None or not is_truth_stored(c),
+
+    def judge_one(one: Case) -> CaseResult:
+        return judge_case(
+            one,
+            live=one.near_tool is None or not is_truth_stored(one),
             candidate=candidates,
             precision=precision,
             progress=progress,
         )
-        for c in loaded
-    ]
+
+    if len(loaded) == 1:
+        results = [judge_one(loaded[0])]
+    else:  # one that cannot be judged does not take the others their pages
+        results = [judge_or_say_why(judge_one, one, candidates) for one in loaded]
+        if not any(result.checks for result in results):
+            _require_judged(results)
     with run_folder(output, inputs=inputs) as fresh:
         progress("drawing the report")
         page = write_report(results, fresh, figures=figures)
@@ -327,8 +333,12 @@ def report(
             junit=fresh / "junit.xml",
             summary=fresh / "summary.md",
         )
-    outputs.print_results(results, Console(highlight=False))
+    console = Console(highlight=False)
+    outputs.print_results(results, console)
+    for result in results if len(results) == 1 else ():  # several: each page answers
+        _print_answer(trust_of(result), console)
     print(f"{output / page.name}")
+    _require_judged(results)
     raise typer.Exit(_exit_code(results, expected=expected))
 
 
@@ -360,6 +370,7 @@ def compare(
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
 
+    outputs.discard_outputs(json, of_gates=True)
     asked = AskedSteps(integrator, time_step, time_limit)
     (loaded,) = _as_asked([load_case(case)], [law] if law else None, contact)
     require_outputs({"--json": json}, inputs=input_files([loaded], result), force=force)
@@ -445,6 +456,25 @@ def _require_builtin(cases: Sequence[Case]) -> None:
             f"--expected is about built-in cases, and {', '.join(own)} is not one; what changed "
             "since a result that you accepted is reported by `palpate compare-runs`"
         )
+
+
+def _print_answer(found: Trust, console: Console) -> None:
+    """What the page begins with: what was found in a sentence each, and what to do next."""
+    lines = [band.says for band in found.bands]
+    for step in found.next:
+        lines += [f"What to do next: {step.says}", *(f"    {line}" for line in step.commands)]
+    for line in lines:
+        console.print(Text(for_terminal(line)), soft_wrap=line.startswith(" "))
+
+
+def _require_judged(results: Sequence[CaseResult]) -> None:
+    """Raise InputError with the reason of each case that could not be judged."""
+    lost = [result for result in results if result.not_judged]
+    if lost and len(results) == 1:
+        raise InputError(lost[0].not_judged)
+    if lost:
+        whys = "; ".join(f"{result.name}: {result.not_judged}" for result in lost)
+        raise InputError(f"{len(lost)} of {len(results)} cases not judged: {whys}")
 
 
 def _exit_code(results: list[CaseResult], *, expected: bool) -> int:

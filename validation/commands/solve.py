@@ -110,6 +110,7 @@ def solve(
         if simulator is not Simulator.FASTSIM:
             raise InputError("--near-tool is of fastsim's mesh: leave out --with")
         loaded = loaded.near_tools(edge)
+    loaded.build(progress_lines())
     problem, used = loaded.problem, strain or loaded.strain
     state = solve_problem(
         problem,

@@ -105,7 +105,12 @@ def read_result(path: str | Path, *, most_bytes: int = _ALWAYS_ALLOWED) -> Resul
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in RESULT_SUFFIXES:
-        raise ResultFileError(path, f"unknown kind; use {', '.join(RESULT_SUFFIXES)}")
+        why = f"unknown kind; use {', '.join(RESULT_SUFFIXES)}"
+        if suffix == ".npy":
+            why = (
+                f"an array without a name; np.savez('{file.stem}.npz', displacement=...) gives one"
+            )
+        raise ResultFileError(path, why)
     try:
         match suffix:
             case ".npz":

@@ -15,7 +15,8 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.schemes import Steps
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
@@ -34,7 +35,7 @@ from palpate.validation.judging.checks import (
 )
 from palpate.validation.judging.near_tools import judge_near_tools
 from palpate.validation.judging.precision import PrecisionGrant
-from palpate.validation.judging.provenance import provenance_of
+from palpate.validation.judging.provenance import provenance_of, time_now
 from palpate.validation.judging.results import (
     CaseResult,
     CheckResult,
@@ -110,6 +111,7 @@ def judge_case(
 
         return judge_near_tools(case, everybody, judge_one)
     progress(f"case {case.name}: {case.title}")
+    case.build(progress)
     progress(f"mesh {case.mesh_origin}")
     for judged in everybody:
         if missing := _missing_check(case, judged):
@@ -459,14 +461,24 @@ def judge_or_say_why(
     except (InputError, ReferenceFailedError) as error:
         is_unusable = isinstance(error, (InputError, ReferenceUnavailableError))
         verdict, why = Verdict.INCONCLUSIVE, str(error)
+        try:
+            problem = case.problem
+        except InputError:  # its mesh cannot be read; without a check nobody looks at one
+            points = np.vstack([np.zeros(3), np.eye(3)])
+            one = TetMesh(points, np.array([[0, 1, 2, 3]], np.int32))
+            problem = Problem(one, Material(1.0, 0.0, 1.0), supports=(), loads=())
         return CaseResult(
             name=case.name,
             title=case.title,
             verdict=verdict,
             checks=(),
-            problem=case.problem,
-            candidates=tuple(Judged(one.name, verdict, one.element) for one in candidates),
-            provenance={"palpate": version_of("palpate"), "case_file": case.file},
+            problem=problem,
+            candidates=tuple(Judged(c.name, verdict, c.element) for c in candidates),
+            provenance={
+                "palpate": version_of("palpate"),
+                "case_file": case.file,
+                "time": time_now(),
+            },
             notes=(why,),
             not_judged=why if is_unusable else "",
             case_text=case.text,

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import json as json_format
 import os
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.meshes.own_files import own_path
+from palpate.meshes.own_files import may_replace, own_path
 from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE
@@ -44,6 +45,13 @@ _COLOUR = {
     Verdict.SKIPPED: "dim",
 }
 _TONE = {str(verdict): colour for verdict, colour in _COLOUR.items()} | {"narrow": "cyan"}
+_SUMMARY = "Judged by palpate"
+# How results.json, junit.xml and summary.md begin, in so many bytes.
+_BEGINS = re.compile(
+    rb'(\{\s*"palpate": "[^"]*",\s*"schema": \d+,\s*"cases":'
+    rb'|<\?xml[^>]*\?>\s*<testsuites name="palpate"|%b)' % _SUMMARY.encode()
+)
+_HEAD = 200
 # Attributes of a case in results.json.
 _OF_CASE = (
     "name", "title", "verdict", "not_judged", "scope", "metrics", "unseen", "published", "notes",
@@ -142,6 +150,8 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
             errors=str(counts.count(Verdict.INCONCLUSIVE) + is_empty),
             skipped=str(counts.count(Verdict.SKIPPED)),
         )
+        if when := _time_of(result):
+            suite.set("timestamp", when)
         about = ET.SubElement(suite, "properties")
         ET.SubElement(about, "property", name="scope", value=result.scope)
         for check in result.checks:
@@ -176,7 +186,7 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     """A table for a job summary, the checks that did not pass first."""
     rows = [(result, check) for result in results for check in result.checks]
     rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
-    lines = []
+    lines = [f"{_SUMMARY}, {_time_of(results[0])}\n"] if results else []
     for r in results:
         outcome = for_markdown(_outcome(r))
         lines.append(f"- **{for_markdown(r.name)}**: {outcome} ({for_markdown(r.title)})")
@@ -201,7 +211,10 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
         table = Table(
             title=Text(for_terminal(f"{result.name}: {result.title}")), title_justify="left"
         )
-        for name in ("check", "found", "verdict", "why this limit"):
+        # No metric's name is broken: the other columns are made narrower.
+        longest = max((len(check.metric) for check in result.checks), default=0)
+        table.add_column("check", overflow="fold", width=longest)
+        for name in ("found", "verdict", "why this limit"):
             table.add_column(name, overflow="fold")
         said: dict[str, str] = {}
         for check in result.checks:
@@ -299,6 +312,11 @@ def _annotation(kind: str, result: CaseResult, check: CheckResult) -> str:
     return f"::{kind} {where}title={title}::{for_workflow(f'{check.message}; {check.reason}')}"
 
 
+def _time_of(result: CaseResult) -> str:
+    """When it was judged, in UTC; empty where its record does not say."""
+    return str(result.provenance.get("time", ""))
+
+
 def citation(result: CaseResult) -> str:
     """A line for a paper: palpate, case, simulator, reference with dolfinx, mesh and day.
 
@@ -330,14 +348,19 @@ def _shortened(about: Mapping[str, Any], key: str) -> str:
     return str(about.get(key, "unknown"))[:_KEY]
 
 
-def discard_outputs(*paths: Path | None) -> None:
+def discard_outputs(*paths: Path | None, of_gates: bool = False) -> None:
     """Remove the outputs of an earlier run: none is taken for this run's, however it ends.
 
     Args:
         paths: Files that `require_outputs` has let this run replace; None is left out.
+        of_gates: Whether nobody has looked at the paths yet, so that only a file goes that begins
+            as the outputs of a gate do: not a case, a mesh or a reference that was named by error.
     """
     for path in filter(None, paths):
-        Path(os.path.realpath(path)).unlink(missing_ok=True)
+        real = Path(os.path.realpath(path))
+        with contextlib.suppress(OSError) if of_gates else contextlib.nullcontext():
+            if not of_gates or (may_replace(real) and _BEGINS.match(real.read_bytes()[:_HEAD])):
+                real.unlink(missing_ok=True)
 
 
 def write_outputs(

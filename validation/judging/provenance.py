@@ -41,6 +41,11 @@ def input_key(case: Case, references: ReferenceSet, precision: Precision | None 
     )
 
 
+def time_now() -> str:
+    """The time in UTC, to seconds: 2026-01-31T08:15:00+00:00."""
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
 def stored_record(reference: Any) -> dict[str, Any]:
     """The record of a stored truth in that of a reference: the whole one, or its `stored`."""
     return dict(reference.get("stored") or reference)
@@ -57,7 +62,7 @@ def provenance_of(
         "python": platform.python_version(),
         "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
-        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "time": time_now(),
         "command": shlex.join(["palpate", *sys.argv[1:]]),
         "case_key": problem_key(case.problem),
         "input_key": input_key(case, references, precision),

@@ -12,6 +12,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE
+from palpate.validation.quoting import for_terminal
 from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict, gravest
 
@@ -211,6 +212,15 @@ class CaseResult:
     diagnoses: tuple[Diagnosis, ...] = ()
     measured: tuple[MeasuredValues, ...] = ()
     units: Units = field(default_factory=Units)
+
+    def __str__(self) -> str:
+        """The verdict, what did not pass, and the notes, a line each."""
+        bad = [check for check in self.checks if check.verdict is not Verdict.PASSED]
+        lines = [f"{c.verdict}: {c.name}: {c.message} ({c.reason})" for c in bad]
+        lines = [f"  {line}" for line in (*lines, *self.notes)]
+        return "\n".join(for_terminal(line) for line in [f"{self.name}: {self.verdict}", *lines])
+
+    __repr__ = __str__  # its arrays would fill a notebook
 
     @property
     def candidate(self) -> str:

@@ -33,6 +33,7 @@ from palpate.validation.judging.error_budget import (
 )
 from palpate.validation.judging.outputs import citation
 from palpate.validation.judging.results import CaseResult, tone_of
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.quoting import for_html
 from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
@@ -101,22 +102,23 @@ def write_report(
 ) -> Path:
     """Write the pages with their pictures and tables into a folder that exists.
 
-    One case gives report.html; several give NAME.html each, and index.html that links them. A
-    picture that cannot be drawn is replaced by a message; the verdict never depends on it.
-    `figures` is the form in which each figure is also written for a paper. Returns the page to open
-    first.
+    One case gives report.html; several give NAME.html each, and index.html that links them, with
+    the reason of each that has no check because it could not be judged. A picture that cannot be
+    drawn is replaced by a message; the verdict never depends on it. `figures` is the form in which
+    each figure is also written for a paper. Returns the page to open first.
     """
     environment = report_environment()
     if len(results) == 1:
         return _write_case(environment, results[0], folder / "report.html", "", figures)
-    for result in results:
+    judged = [result for result in results if result.checks]
+    for result in judged:
         _write_case(environment, result, folder / f"{result.name}.html", INDEX, figures)
     path = folder / INDEX
     page = environment.get_template("index.html.j2").render(
         results=results, verdict=gravest([r.verdict for r in results]), closest=_closest,
         tone=tone_of(results), narrow=sum(r.tone == "narrow" for r in results),
-        truths={r.name: trust_of(r).scale[:1] for r in results},
-        pictures={r.name: _small(folder / f"{r.name}-states.png") for r in results},
+        truths={r.name: trust_of(r).scale[:1] for r in judged},
+        pictures={r.name: _small(folder / f"{r.name}-states.png") for r in judged},
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path
@@ -254,8 +256,14 @@ def _measured_svg(result: CaseResult) -> str:
 
 
 def case_lines(text: str) -> list[tuple[str, bool]]:
-    """Lines of a case file, and whether paper has them: keys that are commented out are not."""
-    return [(line, not _UNUSED_KEY.match(line)) for line in text.splitlines()]
+    """Lines of a case file, and whether paper has them.
+
+    Keys that are commented out are not on paper, nor is the list of metrics that `init` writes.
+    """
+    metrics = {f"#   {each.name}: {each.meaning}" for each in CATALOGUE.values()}
+    return [
+        (line, not _UNUSED_KEY.match(line) and line not in metrics) for line in text.splitlines()
+    ]
 
 
 def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:

@@ -55,6 +55,10 @@ _FRAME = 0.02
 _DISPLACEMENT = "displacement [m]"
 
 
+# The scale of colours, beside the body: below it its title would cross its numbers.
+BAR = {"vertical": True, "position_x": 0.86, "position_y": 0.15, "n_labels": 3, "fmt": "%.2g"}
+
+
 def animate(
     problem: Problem, displacements: NDArray[np.float64], target: Path, seconds: float
 ) -> Path:
@@ -72,9 +76,8 @@ def animate(
     plotter = pyvista.Plotter(off_screen=True, window_size=(800, 600))
     grid.point_data[_DISPLACEMENT] = lengths[0]
     largest = float(lengths.max()) or 1.0
-    bar = {"vertical": True, "position_x": 0.86, "position_y": 0.15, "n_labels": 3, "fmt": "%.2g"}
     plotter.add_mesh(
-        grid, scalars=_DISPLACEMENT, clim=(0.0, largest), show_edges=True, scalar_bar_args=bar
+        grid, scalars=_DISPLACEMENT, clim=(0.0, largest), show_edges=True, scalar_bar_args=BAR
     )
     # One camera, which sees the body wherever it goes.
     everywhere = (points + moved).reshape(-1, 3)

@@ -38,7 +38,8 @@ class Table:
     """Rows of numbers and words, from which the page, the CSV and the JSON are made.
 
     `columns` are headings, each with the format of its numbers on the page, "" for words; None in a
-    row is shown as a dash. A table that is not shown is in the files only.
+    row is shown as a dash. A table that is not shown is in the files only, and so is a column of
+    words in which no row says anything.
     """
 
     title: str
@@ -52,10 +53,23 @@ class Table:
                 raise ValueError(f"{self.title}: {len(row)} cells, {len(self.columns)} columns")
 
     @property
+    def shown(self) -> dict[str, str]:
+        """The columns of the page, each with the format of its numbers."""
+        return {
+            name: form
+            for k, (name, form) in enumerate(self.columns.items())
+            if form or not self.rows or any(row[k] for row in self.rows)
+        }
+
+    @property
     def texts(self) -> list[list[str]]:
         """The cells as text, as the page shows them."""
         return [
-            [_text(cell, form) for cell, form in zip(row, self.columns.values(), strict=True)]
+            [
+                _text(cell, form)
+                for cell, (name, form) in zip(row, self.columns.items(), strict=True)
+                if name in self.shown
+            ]
             for row in self.rows
         ]
 

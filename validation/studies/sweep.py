@@ -25,6 +25,18 @@ from palpate.validation.studies.sweep_runs import Run, difference, linear_error,
 # Figures of a sweep: what the result does along the first axis.
 
 Measured = Callable[[Run], float | None]
+# Error of linear strain that is asked about where the case's checks state no need of theirs.
+_USUAL = 0.05
+
+
+def _needs(case: Case) -> tuple[float, bool]:
+    """The least limit of displacement against the truth, and whether the case states one."""
+    needs = [
+        spec.limit
+        for spec in case.checks
+        if (spec.metric, spec.against) == ("displacement_l2", "truth")
+    ]
+    return min(needs, default=_USUAL), bool(needs)
 
 
 def sweep_figures(
@@ -54,8 +66,11 @@ def sweep_figures(
     figures = {}
     for name, (words, measure, caption) in made.items():
         lost = [run for run in runs if run.was_tried and run.state is None]
+        is_error = name == "linear-error"
         panel = Panel(
             lines_of(axes, runs, measure),
+            levels={100.0 * _needs(case)[0]: "allowed"} if is_error else (),
+            y_range=(0.0, None) if is_error else (None, None),
             # Where the first value without a result is.
             positions={run.values[0]: f"no result, {STRAIN_NAMES[run.strain]}" for run in lost},
             x=_in_words(axes[0].key, case),
@@ -89,10 +104,6 @@ def _in_words(key: str, case: Case) -> str:
     return f"{key} [{known[last]}]" if last in known else key
 
 
-# Error of linear strain that is asked about where the case's checks state no need of theirs.
-_USUAL = 0.05
-
-
 def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
     """Up to which value linear strain may stand in for Green's, by the largest error of a row.
 
@@ -101,12 +112,7 @@ def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
     """
     if case.problem.time is not None:
         return ""
-    needs = [
-        spec.limit
-        for spec in case.checks
-        if (spec.metric, spec.against) == ("displacement_l2", "truth")
-    ]
-    limit = min(needs, default=_USUAL)
+    limit, is_stated = _needs(case)
     worst: dict[float, float] = {}
     for run in runs:
         if run.strain is Strain.LINEAR and (off := linear_error(run, runs)) is not None:
@@ -114,7 +120,8 @@ def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
     if not worst:
         return ""
     key, tested = axes[0].key, sorted(worst, key=abs)
-    allowed = f"allowed: {100.0 * limit:g} %" + ("" if needs else ", since the case states no need")
+    allowed = f"allowed: {100.0 * limit:g} %"
+    allowed += "" if is_stated else ", since the case states no need"
     good = [value for value in tested if worst[value] <= limit]
     if axes[0].is_load:  # more of it is more error: what lies beyond the first excess is no more
         good = tested[: next((k for k, v in enumerate(tested) if worst[v] > limit), len(tested))]
@@ -442,9 +449,9 @@ def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
         "simulator": "",
         "element": "",
         "strain": "",
-        f"max displacement [{unit}]": ".8g",
-        f"volume [{unit}3]": ".10g",
-        f"surface area [{unit}2]": ".10g",
+        f"max displacement [{unit}]": ".5g",
+        f"volume [{unit}3]": ".7g",
+        f"surface area [{unit}2]": ".7g",
         "smallest det F [-]": ".6g",
         "linear - Green, of Green's displacement [-]": ".4g",
         "seconds": ".3g",

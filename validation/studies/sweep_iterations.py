@@ -439,7 +439,14 @@ def _draw(trials: Sequence[Trial], limit: float, folder: Path) -> Figure:
     if lost:
         label = "the same result as another, or other steps stated"
         lines.append(_line(lost, label, "x"))
-    panel = Panel(lines, x="iterations in a step", y="error [-]", log="xy", levels=(limit,))
+    panel = Panel(
+        lines,
+        x="iterations in a step",
+        y="error [-]",
+        log="xy",
+        levels=(limit,),
+        ticks={t.iterations: f"{t.iterations}" for t in trials},
+    )
     caption = (
         "Distance from the reference on the same mesh by the same scheme and step, each step "
         f"solved, relative in L2, at the worst time. Dotted: {limit:g}."

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import palpate
 from palpate.fastsim.grading.size_fields import mean_edges
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import in_file_unit, read_mesh, write_mesh, write_surface
 from palpate.meshes.problem import Strain
@@ -22,7 +23,7 @@ from palpate.meshes.tri_surface import (
     SelfIntersectionError,
     TriSurface,
 )
-from palpate.validation.case import load_case
+from palpate.validation.case import load_case, meshing
 from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
 from palpate.validation.judging.judge import judge_case
@@ -347,3 +348,18 @@ def test_points_that_the_file_does_not_have_are_scaled():
     assert np.array_equal(own[0], given[1])
     assert own[1] == pytest.approx([4.0, 5.0, 6.0], rel=1e-15)
     assert np.array_equal(in_file_unit(points, None, 1e-3), points / 1e-3)
+
+
+def test_a_case_says_how_far_its_meshing_is_in_per_cent_and_no_more(monkeypatch) -> None:
+    def slow(_spec, _folder, progress):
+        for line in ("inserting 1677 points", "improving cells: 39 %"):
+            progress(line)
+        return meshing.BuiltMesh(brick_box((1, 1, 1), (1.0, 1.0, 1.0)), "by nobody")
+
+    monkeypatch.setattr(meshing, "build_mesh", slow)
+    case, lines = load_case("column"), []
+    built = case.build(lines.append)
+    assert lines == ["improving cells: 39 %"]
+    assert case.build(lines.append) is built  # once
+    assert case.mesh is built
+    assert lines == ["improving cells: 39 %"]

@@ -12,6 +12,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case import builtin_cases, builtin_folder, load_case
 from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.schema_keys import editor_schema, tables_of
@@ -89,12 +90,39 @@ def test_a_file_from_elsewhere_is_copied_where_that_is_asked_for(tmp_path, palpa
     assert list(case.parent.iterdir()) == []
     assert palpate_run("init", ball, "--copy", "-o", case).returncode == 0
     assert (case.parent / "ball.stl").read_bytes() == ball.read_bytes()
+    # The same file is no other one.
+    assert palpate_run("init", ball, "--copy", "-o", case, "--force").returncode == 0
     # Mm was guessed, and that is marked.
     assert "GUESS: the file says no unit of length; it is taken for mm" in case.read_text("utf-8")
     # Another file of that name stays as it is.
     (case.parent / "ball.stl").write_text("mine", "utf-8")
     assert palpate_run("init", ball, "--copy", "-o", case, "--force").returncode == 2
     assert (case.parent / "ball.stl").read_text("utf-8") == "mine"
+
+
+def test_a_surface_that_cannot_be_meshed_becomes_no_case_and_changes_none(tmp_path, palpate_run):
+    one, other = (shape_sphere(1.0, edge_length=0.4) for _ in range(2))
+    # Through one another.
+    points = np.vstack([one.points, other.points + np.array([0.7, 0.1, 0.2])])
+    facets = np.vstack([one.facets, other.facets + len(one.points)])
+    write_surface(tmp_path / "both.stl", TriSurface(points, facets))
+    case = tmp_path / "both.toml"
+    done = palpate_run("init", tmp_path / "both.stl", "-o", case)
+    assert done.returncode == 2
+    assert "--repair" in done.stderr
+    assert not case.exists()
+    case.write_text("mine", "utf-8")
+    assert palpate_run("init", tmp_path / "both.stl", "-o", case, "--force").returncode == 2
+    assert case.read_text("utf-8") == "mine"
+
+
+@pytest.mark.parametrize(("unit", "asks"), [((), True), (("--unit", "mm"), False)])
+def test_a_guessed_unit_that_makes_a_body_of_2_mm_is_asked_about(tmp_path, palpate_run, unit, asks):
+    write_surface(tmp_path / "ball.stl", shape_sphere(1.0, edge_length=0.4))
+    done = palpate_run("init", tmp_path / "ball.stl", "-o", tmp_path / "ball.toml", *unit)
+    assert done.returncode == 0
+    words = "the body is 1.959 mm long: is its file really in mm? say --unit"
+    assert (words in done.stdout + done.stderr) == asks
 
 
 def test_a_mesh_file_is_taken_as_the_mesh(tmp_path, palpate_run):

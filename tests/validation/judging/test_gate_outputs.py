@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from judged import GREEN, LINEAR, case_of, failed
+from rich.console import Console
 
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
@@ -194,3 +195,59 @@ def test_one_unreadable_result_takes_no_verdict_and_leaves_no_outputs_of_before(
     assert "block: failed" in done.stdout
     last = done.stderr.splitlines()[-1]
     assert last.startswith("palpate: 1 of 2 cases not judged: column: ")
+
+
+def test_a_gate_that_is_refused_at_the_door_leaves_no_outputs_of_before(palpate_run, tmp_path):
+    paths = {name: tmp_path / f"out-{name}" for name in ("json", "junit", "summary")}
+    words = [word for name, path in paths.items() for word in (f"--{name}", path)]
+    (tmp_path / "broken.toml").write_text("schema = 2\n", encoding="utf-8")
+    assert palpate_run("gate", "stretch", *words).returncode == 0
+    # Whoever finds them later sees of when they are.
+    when = json.loads(paths["json"].read_text("utf-8"))["cases"][0]["provenance"]["time"]
+    assert ET.fromstring(paths["junit"].read_text("utf-8"))[0].get("timestamp") == when
+    assert when in paths["summary"].read_text("utf-8").splitlines()[0]
+    assert palpate_run("gate", tmp_path / "broken.toml", *words).returncode == 2
+    assert not any(path.exists() for path in paths.values())
+    # What is no output of a gate stays, though palpate wrote it.
+    mesh = tmp_path / "mesh.vtu"
+    assert palpate_run("solve", "stretch", "-o", mesh).returncode == 0
+    assert palpate_run("gate", tmp_path / "broken.toml", "--json", mesh).returncode == 2
+    assert mesh.exists()
+
+
+def test_a_report_of_several_cases_lists_the_one_that_cannot_be_judged(palpate_run, tmp_path):
+    text = case_of("stretch").text.replace('mesh = "stretch.vtu"', 'mesh = "lost.vtu"')
+    assert "lost.vtu" in text
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "lost.vtu").write_text("no mesh", encoding="utf-8")
+    out = tmp_path / "out"
+    done = palpate_run("report", tmp_path / "mine.toml", "column", "-o", out)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("palpate: 1 of 2 cases not judged: mine: ")
+    assert sorted(page.name for page in out.glob("*.html")) == ["column.html", "index.html"]
+    index = (out / "index.html").read_text("utf-8")
+    assert "not judged" in index
+    assert "lost.vtu" in index
+    mine, column = json.loads((out / "results.json").read_text("utf-8"))["cases"]
+    assert (mine["checks"], column["verdict"]) == ([], "passed")
+
+
+def test_results_and_states_are_printed_without_their_arrays(softer):
+    lines = repr(softer).splitlines()
+    assert lines[0] == "block: failed"
+    assert all(check.message in str(softer) for check in failed(softer))
+    assert any(line.startswith("  Diagnosis, green strain: fits ") for line in lines)
+    mesh = softer.problem.mesh
+    assert "array(" not in str([softer, softer.states, mesh, mesh.surface()])
+    assert "44 points" in repr(softer.states[0])
+
+
+def test_no_name_of_a_metric_is_broken_and_no_row_is_cut_off_in_a_narrow_table(softer):
+    metrics = ("published_displacement", "volume")
+    checks = tuple(dataclasses.replace(softer.checks[0], metric=metric) for metric in metrics)
+    console = Console(record=True, width=80)
+    outputs.print_results([dataclasses.replace(softer, checks=checks)], console)
+    text = console.export_text()
+    rows = [line for line in text.splitlines() if line.startswith(("┃", "│"))]
+    assert any("published_displacement" in row for row in rows)
+    assert all(len(row) <= 80 and row[-1] in "┃│" for row in rows)

@@ -77,6 +77,12 @@ def test_tables_carry_every_check_and_solution(both: CaseResult, tmp_path: Path)
         assert float(row["volume [mm3]"]) == pytest.approx(1e9 * state.volume, rel=1e-9)
         length = float(row["largest displacement [mm]"])
         assert length == pytest.approx(1e3 * state.max_displacement, rel=1e-9)
+    # Parts of an error are numbers, which a program reads; one that is not there is empty.
+    columns = ["error", "model", "discretisation", "time"]
+    budgets = [[row[f"{name} [% of the truth]"] for name in columns] for row in rows["budget"]]
+    for cells, budget in zip(budgets, case_budgets(both), strict=True):
+        assert float(cells[0]) == pytest.approx(100.0 * budget.total / abs(budget.truth), rel=6e-3)
+        assert cells[3] == ""
 
 
 def test_a_line_to_cite_names_every_version(both: CaseResult) -> None:

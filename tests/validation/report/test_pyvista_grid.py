@@ -57,7 +57,12 @@ def test_a_state_is_shown_and_saved_in_one_line(tmp_path, monkeypatch) -> None:
     asked = {}
     monkeypatch.setattr(pyvista.UnstructuredGrid, "plot", lambda _, **given: asked.update(given))
     state.plot(off_screen=True)
-    assert asked == {"scalars": "displacement", "off_screen": True}
+    assert (asked["scalars"], asked["off_screen"]) == ("displacement", True)
+    # The scale has its unit, beside the body: below it its title would cross its numbers.
+    bar = asked["scalar_bar_args"]
+    assert (bar["title"], bar["vertical"]) == ("displacement [m]", True)
+    state.plot(scalars="von_mises")
+    assert "title" not in asked["scalar_bar_args"]
     with pytest.raises(palpate.InputError, match=r"saved as \.vtu"):
         state.save(tmp_path / "x.stl")
     with pytest.raises(palpate.InputError, match="does not know its problem"):

@@ -290,6 +290,8 @@ def test_paper_has_no_keys_that_are_commented_out() -> None:
         "# [time]": False,
         "#end_time = 0.5": False,
         "  # a.b = 1": False,
+        "#   volume: error of the deformed volume": False,
+        "#   volume: my own words on it": True,
     }
     assert html.case_lines("\n".join(lines)) == list(lines.items())
 

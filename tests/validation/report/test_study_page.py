@@ -24,6 +24,16 @@ def test_a_cell_is_shown_by_the_format_of_its_column_and_nothing_by_a_dash() -> 
     assert Table("t", {"x": "+.1f"}, [(-0.0,)]).texts == [["+0.0"]]
 
 
+def test_a_column_of_words_that_says_nothing_is_in_the_files_alone() -> None:
+    table = Table("t", {"x": "d", "why not": ""}, [(1, ""), (2, "")])
+    assert (list(table.shown), table.texts) == (["x"], [["1"], ["2"]])
+    assert table.csv.startswith("x,why not")
+    assert list(Table("t", {"x": "d", "why not": ""}, [(1, ""), (2, "lost")]).shown) == [
+        "x", "why not",
+    ]  # fmt: skip
+    assert list(Table("t", {"x": "d", "why not": ""}, []).shown) == ["x", "why not"]
+
+
 def test_csv_and_json_have_the_numbers_themselves() -> None:
     rows = list(csv.DictReader(io.StringIO(TABLE.csv)))
     assert float(rows[0]["error [%]"]) == pytest.approx(1.0 / 3.0, rel=1e-9)
