@@ -318,7 +318,7 @@ def _in_words(check: CheckResult) -> str:
     if is_own:
         return ""
     if check.unit == "-" and check.value < _NOTHING and check.verdict is Verdict.PASSED:
-        return f"{quantity_of(check)} off by less than {_NOTHING:.2%}"
+        return f"{quantity_of(check)} off by less than {100.0 * _NOTHING:g} %"
     return f"{quantity_of(check)} off by {amount_of(check)}"
 
 
@@ -339,7 +339,7 @@ def say(
     largest = max((float(of.max()) for of in there), default=0.0)
     note = {
         "kind": "judged",
-        "text": f"the case: {path}",
+        "text": f"this pose is a case: palpate report {path} -o out/pose writes the whole report",
         "question": ASKED[question],
         "rows": [
             {"name": pane.name, "verdict": pane.verdict, "words": "; ".join(pane.checks)}
