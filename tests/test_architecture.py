@@ -261,7 +261,8 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        53270,
+        53440,
+        "issue 38: a report in words, per cent and one date; "
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, also on the page, force that ripples; "
@@ -275,7 +276,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        64700,
+        64860,
+        "issue 38: no keys, fractions or empty bars on a report; "
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
@@ -318,7 +320,8 @@ LINES = {
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
     "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
-        4670,
+        4690,
+        "issue 38: scales of error budgets where the volume hardly changes; "
         "issue 35: small cells near tools, by the stored truth; "
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
@@ -348,7 +351,8 @@ LINES = {
         "issue 39: corners and branches",
     ),
     "validation/report": (
-        4440,
+        4580,
+        "issue 38: checks, bars, inputs in words and per cent, sheets with title and number; "
         "issue 38: a band for each answer, linear strain's error, the truth's record, depth of "
         "tools, what a body hides of them, outlines, softest shapes that buckle; "
         "issue 37: pictures of bodies of several materials, cut open; "
