@@ -202,11 +202,11 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     )
     for axes in panels:
         tidy(axes)
-        # Lines of forces look like those of displacement: in a column one legend serves both.
-        is_known_above = not is_page and axes is not above and axes is not below
+        # Lines of forces look like those of displacement: one legend serves both.
+        is_known_above = axes is not above and axes is not below and len(result.problem.tools) < 2
         if axes.get_legend_handles_labels()[0] and not is_known_above:
             axes.legend(
-                frameon=False, fontsize=8 * row, ncols=columns,
+                frameon=False, fontsize=8 * row, ncols=min(columns, 3),
                 loc="lower center", bbox_to_anchor=(0.5, 0.98),
             )  # fmt: skip
     figure.tight_layout()

@@ -136,6 +136,9 @@ def report_environment() -> Environment:
     environment = page_environment()
     environment.filters["number"] = _number
     environment.filters["of_check"] = _of_check
+    environment.filters["bar_of_check"] = lambda check: (
+        check.bar_in_words(100.0, " %") if _is_in_per_cent(check) else check.bar_says
+    )
     environment.filters["in_words"] = check_in_words
     environment.filters["metric_in_words"] = metric_in_words
     environment.filters["key_in_words"] = key_in_words
@@ -411,8 +414,12 @@ def _of_check(value: float | None, check: CheckResult) -> str:
         return "unknown"
     if check.unit != "-":
         return f"{_number(value)} {check.unit}"
-    is_fraction = check.scale not in ("-", "none") and check.limit >= _LEAST_PER_CENT
-    return f"{_number(100.0 * value)} %" if is_fraction else _number(value)
+    return f"{_number(100.0 * value)} %" if _is_in_per_cent(check) else _number(value)
+
+
+def _is_in_per_cent(check: CheckResult) -> bool:
+    is_fraction = check.unit == "-" and check.scale not in ("-", "none")
+    return is_fraction and check.limit >= _LEAST_PER_CENT
 
 
 def _number(value: float | None) -> str:
