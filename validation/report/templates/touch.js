@@ -374,7 +374,7 @@ class Page {
       this.stage.onPaint = null; // a frame that waits would hide it
       // Without a body the picture would be black.
       if (!this.stage.box) this.stage.canvas.style.visibility = "hidden";
-      document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; });
+      disableAll();
     };
   }
 
@@ -401,7 +401,7 @@ class Page {
       this.answer(note);
       if (note.errors.length) this.stage.views.forEach((view, k) => {
         view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]} against the ${note.against}`;
-        view.querySelector(".most").textContent = note.errors[k] ? `error ${digits(note.largest)} mm` : "no reference";
+        view.querySelector(".most").textContent = note.errors[k] ? `${digits(note.largest)} mm` : "no reference";
       });
       if (note.errors.length) { $("quantity").textContent = note.colour; document.body.dataset.verdicts = note.verdicts.join(" "); }
       if (!note.more) document.body.dataset.judged = note.verdicts.join(" ") || "none";
@@ -428,7 +428,7 @@ class Page {
       const line = document.createElement("p"), what = document.createElement("b");
       line.className = verdict;
       what.textContent = name ? `${name}: ${verdict}` : "not known";
-      line.append(what, ` ${words}`);
+      line.append(what, ` ${words.replaceAll(" %", "\u00a0%")}`);
       box.append(line);
     }
     $("verdicts").append(box);
@@ -484,9 +484,10 @@ class Page {
     });
     this.chart.paint();
     $("quantity").textContent = this.stage.errors ? this.stage.errors.colour : `colour: ${QUANTITIES[head.colour]}`;
-    const slow = head.pace < 0.9 && !head.paused;
+    // Before a pace is measured the factor tells it.
+    const pace = head.time < 0.5 ? head.factor : head.pace, slow = pace < 0.9 && !head.paused;
     $("pace").classList.toggle("slow", slow);
-    $("factor").textContent = slow ? `${head.pace.toFixed(2)}: slower than real time` : head.factor.toFixed(2);
+    $("factor").textContent = slow ? `${pace.toFixed(2)}: slower than real time, the tool too` : head.factor.toFixed(2);
     $("time").textContent = `${head.time.toFixed(2)} s`;
     $("frames").textContent = `${this.frames.length}`;
     $("latency").textContent = this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms`;
@@ -539,12 +540,16 @@ class Page {
   }
 }
 
+function disableAll() { document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; }); }
+
 const stageIsLinear = (name) => name.startsWith("linear");
 
 try {
   window.palpate = new Page();
 } catch (error) {
-  $("status").textContent = $("warning").textContent = `This page needs WebGL 2: ${error.message}`;
+  $("status").textContent = `This page needs WebGL 2: ${error.message}`;
+  $("warning").textContent = "This page needs WebGL 2: switch on the browser's graphics acceleration, or take another browser";
   $("warning").hidden = false;
+  disableAll();
   document.body.dataset.status = "failed";
 }
