@@ -266,6 +266,7 @@ LINES = {
     "validation": (
         53510,
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
+        "issue 38: a report in words, per cent and one date; "
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
         "issue 35: small cells near tools, also on the page, force that ripples, impacts; "
@@ -282,6 +283,7 @@ LINES = {
         64990,
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
+        "issue 38: no keys, fractions or empty bars on a report; "
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
         "issue 35: steps of several lengths, against a scheme written by itself; "
         "issue 38: a gate's cases, laws that invert, motions by other schemes, held poses; "
@@ -332,6 +334,7 @@ LINES = {
         4730,
         "issue 35: small cells near tools, by the stored truth; bars of the candidate alone; "
         "issue 38: dates of outputs, outputs of refused gates, short reprs; "
+        "issue 38: scales of error budgets where the volume hardly changes; "
         "issue 35: small cells near tools, by the stored truth; "
         "issue 34: what results, models and files may not do; issue 38: no truth without a result, "
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
@@ -361,8 +364,9 @@ LINES = {
         "issue 39: corners and branches",
     ),
     "validation/report": (
-        4480,
+        4580,
         "issue 38: tables that a program reads, an odd size is asked about; "
+        "issue 38: checks, bars, inputs in words and per cent, sheets with title and number; "
         "issue 38: a band for each answer, linear strain's error, the truth's record, depth of "
         "tools, what a body hides of them, outlines, softest shapes that buckle; "
         "issue 37: pictures of bodies of several materials, cut open; "

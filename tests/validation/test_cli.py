@@ -315,7 +315,7 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
     assert own.volume != same_mesh.volume
     called = f"{name} (candidate)"
     assert state_table(result).columns[-1] == called
-    assert {budget.candidate for budget in case_budgets(result)} == {f"{called}, green strain"}
+    assert {budget.candidate for budget in case_budgets(result)} == {f"{called}, Green strain"}
     of_states = [state for state in result.states if state.strain is Strain.GREEN]
     measured = [key for key in result.metrics if key.endswith("green.volume")]
     assert len([key for key in measured if not key.startswith("error.")]) == len(of_states)

@@ -26,6 +26,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -62,6 +63,8 @@ class Budget:
         value: The candidate's.
         truth: The best there is.
         terms: Contribution of each cause; None where a cause does not apply or is not known.
+        scale: What errors are fractions of: the truth, of a change of volume at least 0.1 % of
+            the volume at rest, as in the checks.
     """
 
     quantity: str
@@ -70,6 +73,7 @@ class Budget:
     value: float
     truth: float
     terms: Mapping[str, float | None]
+    scale: float
 
     @property
     def total(self) -> float:
@@ -160,7 +164,7 @@ def static_budgets(
     else:
         terms[DISCRETISATION] = read(same) - read(fine)
         terms[name_of_rest(problem, candidate, same, diagnoses)] = own - read(same)
-    return _budgets(candidate, own, read(truth), terms)
+    return _budgets(candidate, own, read(truth), terms, problem.mesh.volume)
 
 
 def motion_budgets(
@@ -224,7 +228,7 @@ def motion_budgets(
     if same_mesh is not None:
         rest = name_of_rest(problem, candidate, same_mesh, diagnoses)
     terms[rest] = own - judged_by
-    return _budgets(candidate, own, truth, terms)
+    return _budgets(candidate, own, truth, terms, problem.mesh.volume)
 
 
 def name_of_rest(
@@ -283,23 +287,22 @@ _DIMENSIONS = {"m": "length", "m3": "volume"}
 def budget_rows(
     budgets: list[Budget], units: Units | None = None
 ) -> tuple[list[str], list[list[str]]]:
-    """Column names, and a row of text for each budget; errors in parts of the truth.
+    """Column names, and a row of text for each budget; errors in per cent of its scale.
 
-    Values are in the case's `units`, or in SI.
+    Values are in the case's `units`, or in SI; what is not known is "".
     """
     used = units or Units()
-    columns = ["number", "candidate", "value", "truth", "error"]
-    columns += [MODEL, DISCRETISATION, TIME]
+    columns = ["number", "candidate", "value", "truth"]
     # Where it is not the solver's for all of them, each says what it is.
     is_solvers = all(budget.rest == SOLVER for budget in budgets)
-    columns += [SOLVER if is_solvers else "the rest", "interaction"]
+    causes = [MODEL, DISCRETISATION, TIME, SOLVER if is_solvers else "the rest", "interaction"]
+    columns += [f"{name} [%]" for name in ("error", *causes)]
     rows = []
     for budget in budgets:
-        scale = abs(budget.truth) or 1.0
         size, unit = used.of(_DIMENSIONS[budget.unit])
 
-        def part(value: float | None, scale: float = scale) -> str:
-            return "-" if value is None else f"{100.0 * value / scale:+.3g} %"
+        def part(value: float | None, scale: float = budget.scale) -> str:
+            return "" if value is None else f"{100.0 * value / scale:+.3g}" if value else "0"
 
         rows.append(
             [
@@ -317,11 +320,17 @@ def budget_rows(
 
 
 def _budgets(
-    candidate: State, own: Points, truth: Points, terms: Mapping[str, Points | None]
+    candidate: State,
+    own: Points,
+    truth: Points,
+    terms: Mapping[str, Points | None],
+    rest: float,
 ) -> list[Budget]:
-    """A budget of each number of a probe."""
+    """A budget of each number of a probe, of a body whose volume at rest is `rest` [m3]."""
     own_mesh = f", own mesh of {candidate.own.mesh.num_cells} cells" if candidate.own else ""
-    name = f"{candidate.label}, {candidate.strain} strain{own_mesh}"
+    strain = "Green" if candidate.strain is Strain.GREEN else str(candidate.strain)
+    name = f"{candidate.label}, {strain} strain{own_mesh}"
+    scales = (abs(float(truth[0])) or 1.0, size_of_change(rest + float(truth[1]), rest))
     budgets = []
     for k, (quantity, unit) in enumerate(_NUMBERS):
         # A term is missing where what it would be computed from is.
@@ -329,5 +338,6 @@ def _budgets(
             cause: None if term is None or np.isnan(term[k]) else float(term[k])
             for cause, term in terms.items()
         }
-        budgets.append(Budget(quantity, unit, name, float(own[k]), float(truth[k]), found))
+        values = float(own[k]), float(truth[k])
+        budgets.append(Budget(quantity, unit, name, *values, found, scales[k]))
     return budgets

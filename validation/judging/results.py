@@ -116,12 +116,16 @@ class CheckResult:
     @property
     def bar_says(self) -> str:
         """The parts of the bar in words, where there are several, and what stands beside it."""
+        return self.bar_in_words()
+
+    def bar_in_words(self, times: float = 1.0, unit: str = "") -> str:
+        """The same with its numbers so many `times` and followed by a unit."""
         parts = BarParts(**self.bar_parts)
         everything = parts.whole + parts.geometry
         counts = math.isclose(everything, self.reference_error, rel_tol=_SUMS)
-        words = [parts.says(with_geometry=counts)]
+        words = [parts.says(with_geometry=counts, times=times, unit=unit)]
         if parts.geometry and not counts:
-            words.append(f"beside it: geometry {parts.geometry:.2g}")
+            words.append(f"beside it: geometry {times * parts.geometry:.2g}{unit}")
         return "; ".join(filter(None, words))
 
 

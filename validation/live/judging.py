@@ -87,7 +87,7 @@ class Judging(threading.Thread):
             for line in process.stdout:
                 if back := _BACK.match(line):
                     part, reason = float(back["part"]), back["reason"]
-                    self._obstacle = f"; at {part:.0%} of the tool's way {reason}"
+                    self._obstacle = f"; at {100.0 * part:.0f} % of the tool's way {reason}"
                 if line.startswith("{"):
                     self._pass_on(json.loads(line))
                 elif time.monotonic() - last > _BREATH:

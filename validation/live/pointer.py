@@ -63,7 +63,8 @@ class Pointer:
 
     Attributes:
         position: Position of the tool at the end of the present tick.
-        is_retreating: Whether the tool retreats since the body can be pressed no further.
+        is_held_back: Whether the tool has retreated, since the body can be pressed no further, and
+            has not moved otherwise since.
     """
 
     start: Floats
@@ -71,7 +72,7 @@ class Pointer:
     largest_way: float
     digits: int
     position: Floats = field(init=False)
-    is_retreating: bool = False
+    is_held_back: bool = False
     _goals: list[Floats] = field(default_factory=list)
     _is_withdrawn: bool = False
     _behind: list[Floats] = field(default_factory=list)
@@ -100,8 +101,8 @@ class Pointer:
             room: Fraction of its speed that it may have; at 0 or less the body can be pressed no
                 further, and the tool retreats along its own path.
         """
-        self.is_retreating = room <= 0.0 and bool(self._behind)
-        if self.is_retreating:
+        if room <= 0.0 and self._behind:
+            self.is_held_back = True
             *self._behind, self.position = self._behind[: 1 - RETREAT] or self._behind[:1]
             if self._is_withdrawn:
                 self.withdraw()
@@ -124,6 +125,7 @@ class Pointer:
         there = np.round(position, self.digits)
         if not np.array_equal(there, self.position):
             self._behind = [*self._behind[-255:], self.position]
+            self.is_held_back = False
         self.position = there
 
 
@@ -179,8 +181,9 @@ class Settling:
     def says(self) -> str:
         """How far from rest the bodies are, in a sentence."""
         if self.rests:
-            return f"settled: less than {RESTS:.1%} of the largest displacement is still to go"
-        left = f"{self.to_go:.1%} of the largest displacement is still to go"
+            least = f"{100.0 * RESTS:g} %"
+            return f"settled: less than {least} of the largest displacement is still to go"
+        left = f"{100.0 * self.to_go:.1f} % of the largest displacement is still to go"
         if self.to_go >= 1.0:
             left = "the motion does not die away"
         return f"not at rest after {_LONGEST:g} s ({left}): the static solver goes on from here"

@@ -254,8 +254,8 @@ class Simulation(threading.Thread):
             "time": self._ticks * self.live.clock.tick,
             "tool": (self.pointer.position * self._milli).tolist(),
             "grip": None if grip is None else (grip.pointer.position * self._milli).tolist(),
-            "held_back": self.pointer.is_retreating
-            or (grip is not None and grip.pointer.is_retreating),
+            "held_back": self.pointer.is_held_back
+            or (grip is not None and grip.pointer.is_held_back),
             "paused": self._is_paused,
             "recording": self._recorded is not None,
             "answered": number,

@@ -32,6 +32,7 @@ from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableE
 from palpate.reference.result import LOST, REMEDY_OF_YIELD, YIELDS
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
+from palpate.validation.case.units import Units
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.judging.case_references import truth_request
 from palpate.validation.judging.checks import CaseJudge
@@ -75,7 +76,7 @@ _LEAST_COLOUR = 0.01
 # An error below this is not worth its digits [-].
 _NOTHING = 1e-4
 # The limits that end a truth here do not hold there.
-_WITHOUT_LIMIT = "build its truth without this limit: palpate reference build {}.toml"
+_WITHOUT_LIMIT = "build its truth without this limit: palpate reference build {}"
 _EQUATIONS = "the same equations on the same mesh: the rest is the way left to equilibrium"
 _RIGHT = (
     {"metric": "displacement_l2", "limit": 0.01, "reason": _EQUATIONS},
@@ -207,7 +208,7 @@ def _require_small(case: Case) -> None:
             f"the body is too large for a live verdict: quadratic tetrahedra on its {cells} cells "
             f"have {count} unknowns, and of all meshes of a truth the largest may have "
             f"{UNKNOWNS:.0f}, twice as many at least; take a mesh of at most "
-            f"{int(cells * UNKNOWNS / 2.0 / count)} cells, or {_WITHOUT_LIMIT.format(case.name)}"
+            f"{int(cells * UNKNOWNS / 2.0 / count)} cells, or {_WITHOUT_LIMIT.format(case.called)}"
         )
 
 
@@ -285,7 +286,7 @@ def _why_no_further(case: Case, references: ReferenceSet) -> list[str]:
     if not ended:
         return []
     is_limit = "budget" in ended
-    remedy = f"; take a coarser mesh, or {_WITHOUT_LIMIT.format(case.name)}" if is_limit else ""
+    remedy = f"; take a coarser mesh, or {_WITHOUT_LIMIT.format(case.called)}" if is_limit else ""
     return [f"the truth ended before it could decide: {ended}{remedy}"]
 
 
@@ -318,7 +319,7 @@ def _in_words(check: CheckResult) -> str:
     if is_own:
         return ""
     if check.unit == "-" and check.value < _NOTHING and check.verdict is Verdict.PASSED:
-        return f"{quantity_of(check)} off by less than {_NOTHING:.2%}"
+        return f"{quantity_of(check)} off by less than {100.0 * _NOTHING:g} %"
     return f"{quantity_of(check)} off by {amount_of(check)}"
 
 
@@ -339,7 +340,7 @@ def say(
     largest = max((float(of.max()) for of in there), default=0.0)
     note = {
         "kind": "judged",
-        "text": f"the case: {path}",
+        "text": f"this pose is a case: palpate report {path} -o out/pose writes the whole report",
         "question": ASKED[question],
         "rows": [
             {"name": pane.name, "verdict": pane.verdict, "words": "; ".join(pane.checks)}
@@ -379,7 +380,9 @@ def main(words: list[str]) -> int:
         rows = judge_panes(TRUTH, plain, cut, found)
         say(path, TRUTH, [row._replace(error=read(row.error)) for row in rows], used, size)
     except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
-        print(error, file=sys.stderr, flush=True)
+        # In the units of the page.
+        said = Units(length="mm", stress="kPa").in_case_units(str(error))
+        print(said, file=sys.stderr, flush=True)
         return 3
     return 0
 

@@ -94,11 +94,11 @@ class BarParts:
         present = {n: v for n, v in vars(self).items() if v and (with_geometry or n != "geometry")}
         return dict(sorted(present.items(), key=lambda item: -item[1]))
 
-    def says(self, *, with_geometry: bool = False) -> str:
-        """The parts that matter, in words; empty where there is one only."""
+    def says(self, *, with_geometry: bool = False, times: float = 1.0, unit: str = "") -> str:
+        """The parts that matter, in words, so many `times` and with a unit; empty of one only."""
         least = _WORTH_REPORTING * self.whole
         parts = [
-            f"{_WORDS.get(n, n)} {v:.2g}"
+            f"{_WORDS.get(n, n)} {times * v:.2g}{unit}"
             for n, v in self.reported(with_geometry=with_geometry).items()
             if v >= least or math.isinf(v)
         ]

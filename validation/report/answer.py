@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,10 +18,11 @@ from palpate.validation.judging.results import (
     Scope,
 )
 from palpate.validation.metrics import OWN_MESH_REMEDY
+from palpate.validation.report.comparisons import STRAIN_NAMES
 from palpate.validation.report.linear_strain import linear_strain_of
 from palpate.validation.states import Verdict
 
-# Names of quantities on the first screen; the tables below it use the metrics' names.
+# Names of quantities for a reader; files and terminals have the metrics' names.
 _QUANTITIES = {
     "displacement_l2": "displacement",
     "displacement_max": "displacement at the worst point",
@@ -31,6 +33,7 @@ _QUANTITIES = {
     "traction_resultant": "force through a cut",
     "volume": "change of volume",
     "surface_area": "change of surface area",
+    "smallest_det_f": "smallest det F",
 }
 _SMOOTHED = "palpate gate {} --element smoothed"
 # Where nothing was compared with the truth, this replaces "passed".
@@ -62,8 +65,32 @@ class Step:
 def quantity_of(check: CheckResult) -> str:
     """The quantity of a check, in words."""
     if check.against == MEASUREMENT:
-        return f"worst value beside what was {check.metric}".replace("measured ", "measured as ")
-    return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
+        what = "frequency" if check.unit == "Hz" else "worst value"
+        return f"{what} beside {check.metric.replace('measured ', 'the measured ')}"
+    return metric_in_words(check.metric)
+
+
+def metric_in_words(name: str) -> str:
+    """The quantity of a metric, in words."""
+    return _QUANTITIES.get(name, name.replace("_", " "))
+
+
+def check_in_words(check: CheckResult) -> str:
+    """The name of a check for a reader, as "displacement (same mesh, Green strain)"."""
+    words = check.name
+    if check.against != MEASUREMENT:
+        words = metric_in_words(check.metric) + words.removeprefix(check.metric)
+    for strain, shown in STRAIN_NAMES.items():
+        words = re.sub(rf", {strain}\b", f", {shown}", words)
+    return words
+
+
+def key_in_words(key: str) -> str:
+    """A key of the case file for a reader: "load[0].force" is the force of load 1."""
+    table, _, name = key.rpartition(".")
+    found = re.fullmatch(r"(\w+)\[(\d+)\]", table)
+    words = name.replace("_", " ").replace("youngs", "Young's").replace("poissons", "Poisson's")
+    return f"{words} of {found[1]} {int(found[2]) + 1}" if found else words
 
 
 def amount_of(check: CheckResult) -> str:
@@ -201,14 +228,18 @@ def next_steps(result: CaseResult, far: Sequence[CheckResult], mistake: str) -> 
         )
         return (Step(words, (f"palpate audit {called} RESULT",)),)
     is_ours = _is_ours(result, judged)
+    # Smoothed tetrahedra alone are 23 % off in `press`, which allows 5 %.
+    if is_ours and result.problem.tools and not result.provenance.get("near_tool"):
+        words = (
+            "The mesh is too coarse under the tool: judge smoothed tetrahedra, small ones there."
+        )
+        return (Step(words, (f"{_SMOOTHED.format(called)} --near-tool",)),)
     if is_ours and all(one.element is Element.LINEAR for one in result.candidates):
         words = (
             "Its mesh is too coarse for linear tetrahedra: judge smoothed ones on the same mesh."
         )
-        return (Step(words, (_SMOOTHED.format(called),)),)
-    if is_ours and result.problem.tools and not result.provenance.get("near_tool"):
-        words = "The mesh is too coarse under the tool: judge smoothed ones with small cells there."
-        return (Step(words, (f"{_SMOOTHED.format(called)} --near-tool",)),)
+        near = " --near-tool" if result.provenance.get("near_tool") else ""
+        return (Step(words, (f"{_SMOOTHED.format(called)}{near}",)),)
     words = (
         "The mesh is too coarse for this use: halve its edges in the case, see what that costs, "
         "and judge it again."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from palpate.validation.judging.error_budget import DISCRETISATION, MODEL, SOLVE
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
 from palpate.validation.report import FigureForm
+from palpate.validation.report.answer import check_in_words
 from palpate.validation.report.comparisons import STRAIN_NAMES, colours_of, comparisons_of
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import (
@@ -47,14 +47,6 @@ def checks_svg(result: CaseResult) -> str:
         return "" if figure is None else figure_svg(figure, "Errors, error bars and limits")
 
 
-def _in_words(name: str) -> str:
-    """A check's name without the marks of a key, and the strain measures by their names."""
-    words = name.replace("_", " ").replace(" l2", " (L2)") if "_" in name else name
-    for strain, shown in STRAIN_NAMES.items():
-        words = re.sub(rf", {strain}\b", f", {shown}", words)
-    return words.replace(") (", ", ")
-
-
 def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figure | None:
     """The same as a figure, within a `plot_style`; None where nothing is compared."""
     rows = [c for c in result.checks if c.against != "candidate" and c.value is not None]
@@ -62,7 +54,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     if not rows:
         return None
     size, is_page = medium.row, medium is PAGE
-    names = [_in_words(c.name) for c in reversed(rows)]
+    names = [check_in_words(c) for c in reversed(rows)]
     words = ("dot: relative error [-]", "line: reference's error bar", "upright tick: limit")
     small = (1.0 if is_page else 0.8) * medium.font
     if not is_page:  # a column has no room for one line
@@ -89,7 +81,8 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     axes.set_yticks(range(len(rows)), names, fontsize=small)
     axes.set_xscale("log")
     axes.set_ylim(-0.5, len(rows) - 0.5)
-    axes.set_xlabel(("; " if is_page else ";\n").join(words))
+    # From the right end, or long names would push the words out of the picture.
+    axes.set_xlabel(("; " if is_page else ";\n").join(words), loc="right")
     tidy(axes)
     figure.tight_layout()
     return figure
@@ -111,7 +104,7 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
     high = (1.2 + 0.62 * len(budgets)) * size
     figure, axes = pyplot.subplots(figsize=(medium.width, high))
     for position, budget in enumerate(reversed(budgets)):
-        scale = (abs(budget.truth) or 1.0) / 100.0
+        scale = budget.scale / 100.0
         up = down = 0.0
         rest = "#2f8f4e" if budget.rest == SOLVER else "#6b3fa0"
         for name, colour in (colours | {budget.rest: rest, "interaction": "#999999"}).items():
@@ -121,9 +114,9 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
             label = name.partition(":")[0]
             axes.barh(
                 position, width, left=start, height=0.5, color=colour,
-                label=None if label in labelled else label,
+                label=None if value is None or label in labelled else label,
             )  # fmt: skip
-            labelled.add(label)
+            labelled |= set() if value is None else {label}
             up, down = (up + width, down) if width >= 0.0 else (up, down + width)
         axes.plot(
             [budget.total / scale] * 2,
@@ -133,7 +126,6 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
         )
     is_page = medium is PAGE
     names = [f"{b.quantity}\n" * is_page + b.candidate for b in reversed(budgets)]
-    names = [name.replace("green strain", "Green strain") for name in names]
     axes.set_yticks(range(len(budgets)), names, fontsize=8 * size)
     axes.set_axisbelow(True)
     axes.axvline(0.0, color="black", lw=0.8)
@@ -210,11 +202,11 @@ def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     )
     for axes in panels:
         tidy(axes)
-        # Lines of forces look like those of displacement: in a column one legend serves both.
-        is_known_above = not is_page and axes is not above and axes is not below
+        # Lines of forces look like those of displacement: one legend serves both.
+        is_known_above = axes is not above and axes is not below and len(result.problem.tools) < 2
         if axes.get_legend_handles_labels()[0] and not is_known_above:
             axes.legend(
-                frameon=False, fontsize=8 * row, ncols=columns,
+                frameon=False, fontsize=8 * row, ncols=min(columns, 3),
                 loc="lower center", bbox_to_anchor=(0.5, 0.98),
             )  # fmt: skip
     figure.tight_layout()

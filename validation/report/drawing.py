@@ -23,8 +23,9 @@ GREEN, BLUE, RED, GREY, TAN, OCHRE = (
     "#2f8f4e", "#30558f", "#b5332e", "#d9d9d9", "#e3d9d0", "#c98a12",
 )  # fmt: skip
 _EDGES = "#6e6660"
-# A tool may reach beyond the bodies by this fraction of their size before the frame cuts it.
-BEYOND = 0.3
+# A tool may reach beyond the bodies by this fraction of their size before the frame cuts it; one
+# that is no larger than so many of their sizes is whole.
+BEYOND, WHOLE = 0.3, 1.5
 _ABOVE = np.array([0.0, 0.0, 0.6])
 # A facet that faces away from the light has this fraction of its colour.
 _SHADE = 0.62
@@ -43,7 +44,7 @@ class Surface:
 
     The bar is called `values_name`, ends at `largest`, and has the `colours` of matplotlib. With
     `is_outline` only its rim and its contour are drawn, in the colour. A tool `is_beside`: it may
-    leave the frame, and widens it by `BEYOND` at most.
+    leave the frame, and widens it by `BEYOND` at most where it is larger than `WHOLE`.
     """
 
     points: Points
@@ -108,6 +109,8 @@ class _Size:
 
 def _size_of(form: str, num_views: int) -> _Size:
     """Sizes for a page, or for paper: one column is 88 mm wide, two are 180 mm."""
+    if form == "small":  # beside text: its own letters are as large as those there
+        return _Size(3.1, 4.0, 8.5, 0.7, 176)
     if form == "png":
         return _Size(6.2, 7.0, 11.0, 1.0, 110)
     wide = 3.46 if num_views == 1 else 7.09 / num_views
@@ -118,9 +121,10 @@ def extent(views: Sequence[View]) -> tuple[Points, Points]:
     """Lowest and highest corner of all that is drawn; of tools, as far as the frame shows them."""
     reached = np.vstack([view.reached for view in views])
     low, high = reached.min(axis=0), reached.max(axis=0)
-    beyond = BEYOND * float((high - low).max())
+    size = float((high - low).max())
     beside = [s.points for view in views for s in view.surfaces if s.is_beside]
     for points in beside:
+        beyond = size * (1.0 if np.ptp(points, axis=0).max() <= WHOLE * size else BEYOND)
         low = np.minimum(low, np.maximum(points.min(axis=0), reached.min(axis=0) - beyond))
         high = np.maximum(high, np.minimum(points.max(axis=0), reached.max(axis=0) + beyond))
     return low, high
@@ -129,7 +133,8 @@ def extent(views: Sequence[View]) -> tuple[Points, Points]:
 def draw(pictures: Mapping[str, Sequence[View]], form: str = "png") -> dict[str, bytes]:
     """Draw each picture, its views side by side; the bytes are the same for the same views.
 
-    The form is "png", or "pdf" and "svg" in the width of a paper's columns, text as text.
+    The form is "png", "small" (PNG, for half of a page's width and less), or "pdf" and "svg" in the
+    width of a paper's columns, text as text.
     """
     made = {}
     for name, views in pictures.items():
@@ -138,7 +143,8 @@ def draw(pictures: Mapping[str, Sequence[View]], form: str = "png") -> dict[str,
             figure = _figure(views, size)
             date = {"pdf": "CreationDate", "svg": "Date"}.get(form)
             data = io.BytesIO()
-            figure.savefig(data, format=form, metadata={date: None} if date else None)
+            kind = "png" if form == "small" else form
+            figure.savefig(data, format=kind, metadata={date: None} if date else None)
         made[name] = data.getvalue()
     return made
 
@@ -148,7 +154,8 @@ def _figure(views: Sequence[View], size: _Size) -> Figure:
     for column, view in enumerate(views):
         left, wide = column / len(views), 1.0 / len(views)
         low = 7.2 * size.row + _raised(view, size)
-        box = (left, low, wide, 1.0 - 3.5 * size.row - low)
+        above = (3.5 if view.title else 0.5) * size.row
+        box = (left, low, wide, 1.0 - above - low)
         axes = figure.add_axes(box, projection="3d")
         _draw(axes, view, views, size)
     words = [entry for view in views for entry in view.legend]

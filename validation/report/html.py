@@ -32,11 +32,18 @@ from palpate.validation.judging.error_budget import (
     motion_budgets,
 )
 from palpate.validation.judging.outputs import citation
-from palpate.validation.judging.results import CaseResult, tone_of
+from palpate.validation.judging.provenance import stored_record
+from palpate.validation.judging.results import MEASUREMENT, CaseResult, CheckResult, tone_of
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.quoting import for_html
 from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
+from palpate.validation.report.answer import (
+    amount_of,
+    check_in_words,
+    key_in_words,
+    metric_in_words,
+)
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.drawing import draw
@@ -93,6 +100,8 @@ def policy_hash(text: str) -> Markup:
 INDEX = "index.html"
 # Most cells times steps of a motion; its budget takes about fifty times as long, some 10 s.
 _CHEAP_MOTION = 2e7
+# Limits from here on are stated in per cent [-].
+_LEAST_PER_CENT = 1e-4
 # Width of a picture in the index [pixels].
 _SMALL = 480
 
@@ -128,6 +137,14 @@ def report_environment() -> Environment:
     """Templates with the filters for words and numbers of a report."""
     environment = page_environment()
     environment.filters["number"] = _number
+    environment.filters["of_check"] = _of_check
+    environment.filters["bar_of_check"] = lambda check: (
+        check.bar_in_words(100.0, " %") if _is_in_per_cent(check) else check.bar_says
+    )
+    environment.filters["in_words"] = check_in_words
+    environment.filters["metric_in_words"] = metric_in_words
+    environment.filters["key_in_words"] = key_in_words
+    environment.filters["amount"] = amount_of
     environment.filters["raised"] = _raised
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"
     return environment
@@ -203,7 +220,12 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "green_truth": green_truth(result),
         "percents": [percent_off(result, state) for state in result.states],
         "num_supports": len(problem.supports),
-        "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
+        "loads": [
+            f"{_in_words(name)}{f' ({count})' if count > 1 else ''}"
+            for name, count in Counter(
+                type(load).__name__ for load in (*problem.loads, *problem.springs)
+            ).items()
+        ],
         "tools": tools_in_words(problem, units),
         "inclusions": [
             f"{name}: {one.num_cells} cells, {100.0 * one.part_of(problem.mesh):.2g} % of the "
@@ -270,7 +292,9 @@ def _first_picture(result: CaseResult) -> tuple[Markup, str] | None:
     """The picture of the first screen and its words; None where there is none to draw."""
     try:
         found = first_view(result)
-        return (_data_url(draw({"first": [found[0]]})["first"]), found[1]) if found else None
+        return (
+            (_data_url(draw({"first": [found[0]]}, "small")["first"]), found[1]) if found else None
+        )
     except Exception:  # a picture that fails must not lose the verdict
         return None
 
@@ -283,6 +307,7 @@ def credibility_html(result: CaseResult) -> Markup:
         passed = sum(check.verdict is Verdict.PASSED for check in checks)
         bars = [check.reference_error for check in checks if check.reference_error < math.inf]
         return {
+            "checks": checks,
             "total": len(checks),
             "passed": passed,
             "state": _ABSENT if not checks else "given" if passed == len(checks) else "in part",
@@ -298,8 +323,10 @@ def credibility_html(result: CaseResult) -> Markup:
     stated = {key: len(tables.get(key, ())) for key in ("measurement", "uncertainty")}
     template = report_environment().get_template("credibility.html.j2")
     page = template.render(
-        r=result, same=counted("same_mesh"), truth=counted("truth"), stated=stated
-    )
+        r=result, stated=stated, day=str(result.provenance["time"])[:10],
+        truth_found=str(stored_record(result.provenance.get("reference") or {}).get("date", "")),
+        same=counted("same_mesh"), truth=counted("truth"), measured=counted(MEASUREMENT),
+    )  # fmt: skip
     return Markup(page)  # its texts are escaped
 
 
@@ -363,7 +390,8 @@ def _closest(result: CaseResult) -> str:
     """The check that uses the largest fraction of its limit, or the first that did not pass."""
     for check in result.checks:
         if check.verdict is not Verdict.PASSED:
-            return f"{check.name}: {check.message}"
+            says = check.message if check.value is None else amount_of(check)
+            return f"{check_in_words(check)}: {says}"
     parts = [
         ((check.value + check.reference_error) / check.limit, check)
         for check in result.checks
@@ -372,12 +400,34 @@ def _closest(result: CaseResult) -> str:
     if not parts:
         return "–"
     part, check = max(parts, key=lambda pair: pair[0])
-    return f"{check.name}: {100 * part:.2g} % of its limit"
+    return f"{check_in_words(check)}: {100 * part:.2g} % of its limit"
 
 
 def _data_url(png: bytes) -> Markup:
     """A picture as an address; markup, as parts of it would be taken for folders in a text."""
     return Markup("data:image/png;base64,{}").format(base64.b64encode(png).decode("ascii"))
+
+
+def _in_words(name: str) -> str:
+    """The name of a class in words: "PointForce" is a point force."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
+
+
+def _of_check(value: float | None, check: CheckResult) -> str:
+    """A value, limit or bar of a check with its unit; in per cent where the limit is of that size.
+
+    What is left on the same mesh is a fraction of the scale: "1e-10 %" would be harder to read.
+    """
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    if check.unit != "-":
+        return f"{_number(value)} {check.unit}"
+    return f"{_number(100.0 * value)} %" if _is_in_per_cent(check) else _number(value)
+
+
+def _is_in_per_cent(check: CheckResult) -> bool:
+    is_fraction = check.unit == "-" and check.scale not in ("-", "none")
+    return is_fraction and check.limit >= _LEAST_PER_CENT
 
 
 def _number(value: float | None) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -42,20 +44,31 @@ def require_browser() -> str:
     return browser
 
 
+def _footer(text: str) -> str:
+    """The title of a page at the foot of each sheet, as a rule of CSS."""
+    found = re.search(r"<title>(.*?)</title>", text, re.DOTALL)
+    title = html.unescape(found[1]) if found else ""
+    # Anybody may have written it: of punctuation only escapes stand in the rule.
+    words = re.sub(r"[^\w ]", lambda sign: f"\\{ord(sign[0]):x} ", title)
+    return f'@bottom-left {{ content: "{words}"; font: 7.5pt sans-serif; color: #5c6670; }}'
+
+
 def print_pdf(page: Path) -> Path:
     """Print a page as PDF beside it, whole or not at all; raises InputError where that failed."""
     browser = require_browser()
     target = page.with_suffix(".pdf")
     with scratch_folder("pdf") as scratch:
         made, sized = scratch / "page.pdf", scratch / "page.html"
-        size = f"<style>@page {{ size: {paper_size()}; }}</style></head>"
-        text = page.read_text(encoding="utf-8").replace("</head>", size, 1)
+        text = page.read_text(encoding="utf-8")
+        style = f"<style>@page {{ size: {paper_size()}; {_footer(text)} }}</style></head>"
+        text = text.replace("</head>", style, 1)
         sized.write_text(text, encoding="utf-8")
         command = [
             browser,
             "--headless",
             "--disable-gpu",
             "--no-pdf-header-footer",
+            "--generate-pdf-document-outline",
             # Chromium refuses to start as root with its sandbox; the page is ours.
             *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
             f"--user-data-dir={scratch}/profile",

@@ -259,11 +259,13 @@ def result_views(result: CaseResult) -> dict[str, list[View]]:
     def around(moved: Points) -> list[Surface]:
         return [Surface(moved, fixed, BLUE, is_outline=True), *ended]
 
-    inside = ", inside: other materials" if problem.inclusions else ""
-    inside += "".join(f"; tool: {words}" for words in tools_in_words(problem, result.units)[:1])
+    said = ["blue: fixed"] if problem.supports else []
+    said += ["red: pushed or pulled"] if problem.loads or problem.springs else []
+    said += ["inside: other materials"] if problem.inclusions else []
+    said += [f"tool: {words}" for words in tools_in_words(problem, result.units)[:1]]
     views = [
         View(
-            f"original (blue: fixed, red: pushed{inside})",
+            f"original ({', '.join(said)})" if said else "original",
             [*_boundary(problem, points), *started],
             side,
             [*marks, *_points_of_supports(problem, points)],
@@ -331,7 +333,9 @@ def first_view(result: CaseResult) -> tuple[View, str] | None:
 
     def as_shown(part: Surface) -> Surface:
         if part.values is not None:
-            return replace(part, facets=part.facets[~are_among(part.facets, fixed)])
+            own = part.facets[~are_among(part.facets, fixed)]
+            # Its words say what the dark end is.
+            return replace(part, facets=own, values_name=part.values_name.removesuffix(_NO_LIMIT))
         return replace(part, is_outline=False) if part.is_outline else part
 
     surfaces = [as_shown(part) for part in view.surfaces]

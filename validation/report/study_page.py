@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,6 +18,7 @@ from palpate.validation.report.html import page_environment, write_report
 from palpate.validation.report.plots import Figure
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import ExitCode, Verdict, gravest
+from palpate.validation.versions import version_of
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,8 @@ def study_page(title: str, about: Sequence[str], findings: Sequence[Finding], pa
         .get_template("study.html.j2")
         .render(
             title=title,
+            version=version_of("palpate"),
+            day=f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}",
             lead=page.lead,
             about=[*about, *page.remarks],
             findings=findings,

@@ -157,6 +157,13 @@ def _cell(value: object) -> object:
 
 # The keys of a record, in this order.
 _OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file")
+_OF_MESH = {
+    "origin": "{}",
+    "num_points": "{} points",
+    "num_cells": "{} cells",
+    "smallest_dihedral_deg": "smallest dihedral angle {}°",
+    "longest_edge": "longest edge {}",
+}
 _HASHES = {"case_key": "hash of the problem", "input_key": "hash of all inputs"}
 
 
@@ -167,10 +174,12 @@ def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     previous reference) are in the whole record only.
     """
     rows = [(name.replace("_", " "), str(record[name])) for name in _OWN if name in record]
+    rows = [(name, _clock(text) if name == "time" else text) for name, text in rows]
     rows += [(words, str(record[key])) for key, words in _HASHES.items() if key in record]
     mesh: Mapping[str, Any] = record.get("mesh") or {}
     if mesh:
-        rows.append(("mesh", ", ".join(f"{k.replace('_', ' ')} {_short(mesh[k])}" for k in mesh)))
+        says = {key: _OF_MESH.get(key, f"{key.replace('_', ' ')} {{}}") for key in mesh}
+        rows.append(("mesh", ", ".join(says[key].format(_short(mesh[key])) for key in mesh)))
     reference: Mapping[str, Any] = record.get("reference") or {}
     if "origin" in reference:
         rows.append(("reference", str(reference["origin"])))
@@ -186,6 +195,11 @@ def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     if said:
         rows.append(("reference accepted", ", ".join(said)))
     return rows
+
+
+def _clock(text: str) -> str:
+    """A time of ISO 8601 as people write it: 2026-11-28 05:15:24 UTC."""
+    return text.replace("T", " ").replace("+00:00", " UTC")
 
 
 def _short(value: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from palpate.validation.report.answer import (
     Step,
     amount_of,
     bands_of,
+    key_in_words,
     next_steps,
     quantity_of,
     used_of,
@@ -150,7 +150,7 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     if result.unseen:
         return f"Plainly wrong results would pass too: {', '.join(result.unseen)}."
     if fitted := result.evidence.get("fitted"):
-        names = ", ".join(_in_words(key) for key in fitted)
+        names = ", ".join(key_in_words(key) for key in fitted)
         return f"Fitted, so no evidence where it was fitted to: {names}."
     wide = [c for c in far if c.reference_error > _WIDE * c.limit]
     if wide:
@@ -161,14 +161,6 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
         "This is verification: the equations are solved well. Whether they are those of the "
         "tissue, only measurements tell."
     )
-
-
-def _in_words(key: str) -> str:
-    """A key of the case file for a reader: "load[0].force" is the force of load 1."""
-    table, _, name = key.rpartition(".")
-    found = re.fullmatch(r"(\w+)\[(\d+)\]", table)
-    words = name.replace("_", " ").replace("youngs", "Young's").replace("poissons", "Poisson's")
-    return f"{words} of {found[1]} {int(found[2]) + 1}" if found else words
 
 
 def _unasked(result: CaseResult) -> str:

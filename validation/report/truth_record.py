@@ -6,22 +6,24 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from palpate.meshes.problem import Strain
 from palpate.validation.judging.provenance import STORED_HASH, stored_record
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.bars import PARTS, read_row
+from palpate.validation.report.answer import metric_in_words
+from palpate.validation.report.comparisons import STRAIN_NAMES
 
 # Where a motion's record has its meshes.
 _OF_MOTION = "convergence"
 # Names of the metrics of a part end with a hash of it.
 _OF_PART = "@"
+_STRAINS = {str(strain): words for strain, words in STRAIN_NAMES.items()}
 
 
 class TruthRecord(NamedTuple):
-    """What is known of a truth: facts by name, and each error bar as a fraction of its scale [-].
+    """What is known of a truth: facts by name, and each error bar in per cent of its scale.
 
-    Rows of `bars` are metric, strain, whole bar (None where nothing bounds it), and its parts in
+    Rows of `bars` are quantity, strain, whole bar (None where nothing bounds it), and its parts in
     words.
     """
 
@@ -38,7 +40,7 @@ def truth_record(result: CaseResult) -> TruthRecord:
     stored = stored_record(reference)
     facts = [("origin", str(reference["origin"]))] if "origin" in reference else []
     facts += [
-        (f"meshes, {strain} strain", words)
+        (f"meshes, {_STRAINS.get(strain, strain)}", words)
         for kind in (ADAPTIVE, _OF_MOTION)
         for strain, row in _table(reference.get(kind)).items()
         if (words := _meshes(_table(row)))
@@ -82,11 +84,14 @@ def _bars(table: Mapping[str, Any]) -> list[tuple[str, str, float | None, str]]:
     for name, row in table.items():
         metric, _, strain = name.partition("|")
         parts = read_row(row)
-        if parts is None or strain not in list(Strain):
+        if parts is None or strain not in _STRAINS:
             continue
         where = ", in the part that the case names" if _OF_PART in metric else ""
-        whole = parts.whole if math.isfinite(parts.whole) else None
+        whole = 100.0 * parts.whole if math.isfinite(parts.whole) else None
         of = parts.reported(with_geometry=True).items()
-        words = ", ".join(f"{part} {value:.2g}" for part, value in of)
-        rows.append((metric.partition(_OF_PART)[0] + where, strain, whole, words))
+        words = ", ".join(
+            f"{part} {100.0 * value:.2g} %" for part, value in of if math.isfinite(value)
+        )
+        name = metric_in_words(metric.partition(_OF_PART)[0]) + where
+        rows.append((name, _STRAINS[strain], whole, words))
     return rows

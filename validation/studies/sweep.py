@@ -15,6 +15,7 @@ from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.case.variants import Axis, variants
+from palpate.validation.report.answer import key_in_words
 from palpate.validation.report.comparisons import STRAIN_NAMES
 from palpate.validation.report.plots import COLOURS, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
@@ -119,7 +120,7 @@ def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
             worst[run.values[0]] = max(off, worst.get(run.values[0], 0.0))
     if not worst:
         return ""
-    key, tested = axes[0].key, sorted(worst, key=abs)
+    key, tested = key_in_words(axes[0].key), sorted(worst, key=abs)
     allowed = f"allowed: {100.0 * limit:g} %"
     allowed += "" if is_stated else ", since the case states no need"
     good = [value for value in tested if worst[value] <= limit]
@@ -138,8 +139,8 @@ def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
             f"{100.0 * worst[most]:.2g} % off at most, at {most:g} ({allowed})."
         )
     bad = next(value for value in tested if value not in good)
-    where = f"up to {key} = {good[-1]:g}" if axes[0].is_load else (
-        f"at {key} = {', '.join(f'{value:g}' for value in sorted(good))}"
+    where = f"up to a {key} of {good[-1]:g}" if axes[0].is_load else (
+        f"at a {key} of {', '.join(f'{value:g}' for value in sorted(good))}"
     )  # fmt: skip
     return (
         f"Linear strain may stand in for Green's {where} "
@@ -225,13 +226,14 @@ def sweep(
         f"{case.title}. {len(runs)} runs on {case.mesh.mesh.num_cells} cells "
         f"({case.mesh.origin}) unless the body itself varies; "
         f"{' and '.join(elements)} tetrahedra.",
+        f"For which use: {case.spec.evidence.context_of_use or 'not stated'}",
         *ends,
     ]
     return leave(
         folder,
         console,
         name="sweep",
-        title=f"Sweep of {case.name}: {', '.join(axis.key for axis in axes)}",
+        title=f"Sweep of {case.name}: {', '.join(key_in_words(axis.key) for axis in axes)}",
         about=about,
         findings=_findings(axes, runs),
         page=Page(

@@ -96,7 +96,7 @@ def test_what_stood_in_the_way_is_said_when_the_time_is_over(
     line = "tools from 0 to 1, 0.9610: a cell would invert; back to 0.8829, step 0.0390"
     later = f"print({line!r}, flush=True); time.sleep(600)"
     _, last = judged(later, tmp_path, monkeypatch, limit=0.5)
-    assert "within 0.5 s; at 96% of the tool's way a cell would invert;" in last["text"]
+    assert "within 0.5 s; at 96 % of the tool's way a cell would invert;" in last["text"]
 
 
 def test_a_missing_truth_is_reported_with_its_reason(
@@ -215,7 +215,7 @@ def test_a_body_too_large_for_a_live_truth_is_refused_with_the_limit_and_what_to
         "the body is too large for a live verdict: quadratic tetrahedra on its 90 cells have 651 "
         "unknowns, and of all meshes of a truth the largest may have 1000, twice as many at least; "
         "take a mesh of at most 69 cells, or build its truth without this limit: palpate reference "
-        "build block.toml"
+        "build block"
     )
 
 
@@ -231,7 +231,7 @@ def test_a_truth_that_ended_at_a_limit_says_so_where_a_verdict_is_inconclusive()
     assert pane.verdict == "inconclusive"
     assert pane.checks[-1] == (
         f"the truth ended before it could decide: {ended}; take a coarser mesh, or build its truth "
-        "without this limit: palpate reference build block.toml"
+        "without this limit: palpate reference build block"
     )
 
 
@@ -252,3 +252,14 @@ def test_where_a_tool_presses_one_is_told_to_press_less_deep() -> None:
     pane.advance(live.metres(live.start), None, 1)
     assert "press less deep, or more slowly; reset" in pane.trouble
     assert "lower the load" not in pane.trouble
+
+
+def test_why_nothing_was_found_is_in_the_units_of_the_page(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(_: Path) -> None:
+        raise ReferenceFailedError("a cell would invert at (0.04, 0.0125, 0.01) m")
+
+    monkeypatch.setattr(verdict, "load_case", fails)
+    assert verdict.main(["case.toml", "pose.npz"]) == 3
+    assert capsys.readouterr().err.strip() == "a cell would invert at (40, 12.5, 10) mm"

@@ -43,7 +43,7 @@ def test_the_tool_slows_down_where_there_is_little_room() -> None:
     one.send(np.array([0.0, 0.0, 0.0]))
     ways = -np.diff([one.next_position(room)[2] for room in (1.0, 1.0, 0.5, 0.2, 0.01, 7.0)])
     np.testing.assert_allclose(ways, [0.5, 0.25, 0.1, 0.05, 0.5], atol=1e-6)
-    assert not one.is_retreating
+    assert not one.is_held_back
 
 
 def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
@@ -53,9 +53,12 @@ def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
     back = [one.next_position(0.0).copy() for _ in range(2)]
     # Five times as fast as it came, and not beyond where it began.
     np.testing.assert_array_equal(back, [way[3], [0.0, 0.0, 10.0]])
-    assert one.is_retreating
+    # Where it stands, away from the hand, it says so until it is moved again.
     one.next_position()
-    assert not one.is_retreating
+    assert one.is_held_back
+    one.send(np.array([0.0, 0.0, 5.0]))
+    one.next_position()
+    assert not one.is_held_back
 
 
 def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside() -> None:
@@ -77,7 +80,7 @@ def test_a_tool_that_is_withdrawn_goes_on_after_a_body_has_pushed_it_back() -> N
         one.next_position()
     one.withdraw()
     one.next_position(0.0)
-    assert one.is_retreating
+    assert one.is_held_back
     for _ in range(40):
         one.next_position()
     np.testing.assert_array_equal(one.position, [0.0, 0.0, 10.0])

@@ -55,4 +55,14 @@ def test_the_tool_pushes_in_firefox(
             "return new Set(bytes).size; })()"
         )
         assert shades > 10
+        # While it is paused, how to go on hides no word of the legend, and is the button's name.
+        page.value("document.getElementById('pause').click()")
+        until(page, "!document.getElementById('warning').hidden")
+        assert page.value("document.getElementById('pause').textContent") == "go on"
+        boxes = page.value(
+            "['quantity', 'warning'].map((id) => document.getElementById(id))"
+            ".map((one) => one.getBoundingClientRect()).map((b) => [b.right, b.bottom, b.x, b.y])"
+        )
+        (right, bottom, *_), (*_, left, top) = boxes
+        assert left >= right or top >= bottom
         assert page.errors == []

@@ -129,5 +129,9 @@ def test_a_tool_widens_a_picture_by_a_part_of_the_body_at_most() -> None:
     near = Surface(corners + 0.1, facets, is_beside=True)
     low, high = extent([View("", [body, plane], (1.0, 0.0, 0.0))])
     assert (low, high) == (pytest.approx([-0.6] * 3), pytest.approx((1.6, 1.6, 2.6)))
+    # A ball that is about as large as the body is whole.
+    ball = Surface(1.4 * (corners - [0.5, 0.5, 1.0]) + [0.5, 0.5, 3.0], facets, is_beside=True)
+    low, high = extent([View("", [body, ball], (1.0, 0.0, 0.0))])
+    assert (low, high) == (pytest.approx([-0.2, -0.2, 0.0]), pytest.approx((1.2, 1.2, 4.0)))
     low, high = extent([View("", [body, near], (1.0, 0.0, 0.0))])
     assert (low, high) == (pytest.approx([0.0] * 3), pytest.approx((1.1, 1.1, 2.1)))

@@ -20,13 +20,16 @@ from palpate.meshes.rigid_tool import (
     ToolPath,
 )
 from palpate.meshes.shapes import shape_box
+from palpate.validation.case import load_case
 from palpate.validation.case.units import Units
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.case_plots import checks_figure
+from palpate.validation.report.case_plots import checks_figure, motion_figure
 from palpate.validation.report.drawing import Surface, _faces, _ribbons, in_front
 from palpate.validation.report.loads_and_tools import depth_of, load_arrows, tools_in_words
 from palpate.validation.report.pictures import first_view
 from palpate.validation.report.plots import COLUMN, PAGE, plot_style
+from palpate.validation.states import Precision
 
 BOX = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
 EYE = np.array([1.0, -1.3, 0.7]) / np.linalg.norm([1.0, -1.3, 0.7])
@@ -50,6 +53,38 @@ def test_names_of_checks_do_not_overprint(kidney: CaseResult, medium, count: int
     for lower, upper in itertools.pairwise(boxes):
         assert lower.y1 <= upper.y0
     assert below.y0 >= 0.0
+
+
+@pytest.mark.parametrize("medium", [PAGE, COLUMN], ids=["page", "column"])
+def test_what_is_written_below_checks_and_about_a_motion_is_within_the_picture(
+    kidney: CaseResult, medium
+) -> None:
+    """Long names leave little room for the axis, whose words then stood half outside."""
+    motion = judge_case(load_case("block-motion"), diagnoses=False)
+    long = tuple(dataclasses.replace(c, precision=Precision.SINGLE) for c in kidney.checks)
+    path = ToolPath(np.zeros(1), np.array([[0.0, 0.0, 0.1]]))
+    tooled = dataclasses.replace(motion.problem, tools=(RigidTool(SphereShape(0.02), path),))
+    states = tuple(
+        dataclasses.replace(s, tool_forces=np.ones((1, len(s.trajectory.times), 3)))
+        for s in motion.states
+        if s.trajectory is not None
+    )
+    moved = dataclasses.replace(motion, problem=tooled, states=states)
+    with plot_style(medium):
+        for figure in (
+            checks_figure(dataclasses.replace(kidney, checks=long), medium),
+            motion_figure(moved, medium),
+        ):
+            assert figure is not None
+            figure.canvas.draw()
+            renderer = figure.canvas.get_renderer()
+            whole = figure.bbox
+            written = [axes.xaxis.label for axes in figure.axes]
+            written += [axes.get_legend() for axes in figure.axes if axes.get_legend()]
+            boxes = [one.get_window_extent(renderer) for one in written]
+            pyplot.close(figure)
+            assert min(box.x0 for box in boxes) >= whole.x0
+            assert max(box.x1 for box in boxes) <= whole.x1
 
 
 def test_a_line_runs_along_rim_contour_and_creases_alone() -> None:

@@ -72,8 +72,14 @@ def test_where_both_elements_fail_under_a_tool_its_cells_are_to_be_small() -> No
     candidates = [fastsim_candidate(element=element) for element in Element]
     result = judge_case(load_case("press"), candidate=candidates)
     (step,) = trust_of(result).next
-    assert "small cells there" in step.says
+    assert "small ones there" in step.says
     assert step.commands == ("palpate gate press --element smoothed --near-tool",)
+    # Not by way of smoothed ones on the same mesh, which fail too.
+    alone = judge_case(load_case("press"))
+    assert trust_of(alone).next == (step,)
+    near = {**alone.provenance, "near_tool": True}
+    (smoothed,) = trust_of(dataclasses.replace(alone, provenance=near)).next
+    assert smoothed.commands == ("palpate gate press --element smoothed --near-tool",)
     near = {**result.provenance, "near_tool": True}
     (step,) = trust_of(dataclasses.replace(result, provenance=near)).next
     assert "halve its edges" in step.says

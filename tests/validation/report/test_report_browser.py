@@ -118,7 +118,7 @@ def test_two_candidates_stand_below_their_errors_beside_the_reference(
     assert texts(browser, ".view:not([hidden]) .name") == [
         "error of fastsim",
         "error of fastsim (smoothed)",
-        "original: fixed blue, pushed red",
+        "original: fixed blue, loaded red",
         "fastsim, Green strain",
         "fastsim (smoothed), Green strain",
         "reference P2, refined, Green strain",
@@ -235,6 +235,7 @@ def test_the_report_prints_as_pdf(
     content = made.read_bytes()
     assert content.startswith(b"%PDF-")
     assert len(content) > 50_000
+    assert b"/Outlines" in content  # headings as bookmarks
     assert not list(tmp_path.glob(".pdf.*"))
     if os.name == "posix":
         monkeypatch.setenv("PALPATE_BROWSER", "false")

@@ -215,8 +215,12 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
         assert factors[name][1] == "not given"
         assert f"Write {key} in the case" in factors[name][0]
     assert kidney.evidence["context_of_use"] in page
-    names = "material.poissons_ratio, load[0].force"
-    assert factors["model inputs"][0].endswith(f"Fitted, as [evidence] says: {names}.")
+    fitted = "Fitted, as [evidence] says: Poisson&#39;s ratio, force of load 1."
+    assert factors["model inputs"][0].endswith(fitted)
+    # With its numbers, in per cent, and its date.
+    assert "stress (Green strain) 11 % (allowed: 10 %)" in factors["discretisation error"][0]
+    assert "error bar is 0.36 % at most" in factors["discretisation error"][0]
+    assert f"Judged {kidney.provenance['time'][:10]} by palpate" in page
     # What was fitted is read from the author, not from the words of the file.
     page, factors = credibility(
         dataclasses.replace(kidney, evidence={}, case_text="# nothing here was fitted")
@@ -250,6 +254,44 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     assert red["numerical code verification"][1] == "in part"
 
 
+def test_where_a_body_was_measured_it_is_the_comparator(kidney: CaseResult) -> None:
+    """A report of measurements does not say that it has none."""
+    run = dataclasses.replace(
+        kidney.checks[0], metric="measured run", against="measurement", unit="mm", value=1.5,
+        limit=3.0, reference_error=1.2, verdict=Verdict.PASSED,
+    )  # fmt: skip
+    measured = dataclasses.replace(
+        kidney, checks=(*kidney.checks, run), case_text="[[measurement]]\nname = 'run'\n"
+    )
+    page, factors = credibility(measured)
+    assert "A real body, by 1 measurement, and for verification another simulator" in page
+    found, state = factors["output comparison"]
+    assert "1 of 1 checks against measurements passed: measured run: 1.5 mm ± 1.2 mm" in found
+    assert "not against measurements" not in found
+    assert state == "given"
+    assert "Another simulator, not an experiment" in credibility(kidney)[0]
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_page_has_no_keys_where_a_reader_wants_words(kidney: CaseResult, tmp_path: Path) -> None:
+    """Checks, bars, inputs, loads, times: in words, and errors against the truth in per cent."""
+    page = html.write_report([kidney], tmp_path).read_text("utf-8")
+    body = page.partition("<body>")[2].partition("The whole record")[0]
+    body = re.sub(r"<(script|style).*?</\1>", "", body, flags=re.DOTALL)
+    text = " ".join(re.sub(r"<[^>]+>", " ", body).split())
+    for key in ("_l2", "_max", "det_f", "surface_area", "load[0]", "poissons_ratio", "support(s)",
+                "Traction", "num points", "green strain", ", green)", "+00:00"):  # fmt: skip
+        assert key not in text, key
+    checks = body.partition('id="checks"')[2].partition("</table>")[0]
+    cells = [re.sub(r"<[^>]+>", "", c) for c in re.findall(r"<td.*?</td>", checks)]
+    row = cells.index("displacement (truth, Green strain)")
+    assert cells[row + 2 : row + 5] == ["5.288 %", "5 %", "0.309 %"]
+    # What is left on the same mesh is as small as its limit, which is stated in the same way.
+    assert cells[cells.index("displacement (same mesh, Green strain)") + 3] == "1.00e-08"
+    row = cells.index("smallest det F (own, Green strain)")
+    assert cells[row + 3 : row + 6] == ["&gt; 0", "–", "–"]
+
+
 @pytest.mark.usefixtures("no_pictures")
 def test_the_page_has_the_truth_s_record(kidney: CaseResult, tmp_path: Path) -> None:
     page = html.write_report([kidney], tmp_path).read_text("utf-8")
@@ -263,7 +305,7 @@ def test_the_page_has_the_truth_s_record(kidney: CaseResult, tmp_path: Path) -> 
         reference["date"],
         reference["accepted"]["by"],
         reference["sha256"],
-        "discretisation 0.0031",
+        "discretisation 0.31 %",
     ):
         assert words in part, words
     facts, bars = truth_record(dataclasses.replace(kidney, provenance={}))
@@ -274,7 +316,7 @@ def test_the_page_has_the_truth_s_record(kidney: CaseResult, tmp_path: Path) -> 
 @pytest.mark.usefixtures("no_pictures")
 def test_only_a_case_that_says_so_is_said_to_be_fitted(tmp_path: Path, kidney: CaseResult) -> None:
     page = html.write_report([kidney], tmp_path).read_text("utf-8")
-    assert "material.poissons_ratio, load[0].force" in page.partition("The states")[0]
+    assert "Poisson&#39;s ratio, force of load 1" in page.partition("The states")[0]
     assert "208 017" in page
     mine = {**kidney.published, "how_to_read": "A table of mine."}
     other = dataclasses.replace(kidney, evidence={}, published=mine)
@@ -321,7 +363,7 @@ def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:
     assert rows["palpate"] == kidney.provenance["palpate"]
     hashes = [value for name, value in rows.items() if name.startswith("hash of")]
     assert hashes == [kidney.provenance[key] for key in ("case_key", "input_key")]
-    assert "num cells 4860" in rows["mesh"]
+    assert "4860 cells" in rows["mesh"]
     assert f"dolfinx {kidney.provenance['reference']['versions']['dolfinx']}" in rows["with"]
     own = {name: value for name, value in rows.items() if name != "command"}  # pytest's here
     assert all(len(value) < 300 for value in own.values())

@@ -11,6 +11,7 @@ import pytest
 
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Page, Table, judged, study_page
+from palpate.validation.versions import version_of
 
 TABLE = Table(
     "A <table>",
@@ -58,6 +59,7 @@ def test_the_page_escapes_words_shows_verdicts_and_leaves_out_what_is_for_files(
     )
     assert '<div class="verdict failed">' in page
     assert "T&lt;i&gt;tle" in page
+    assert re.search(rf"palpate {version_of('palpate')} · 20\d\d-\d\d-\d\d<", page)
     assert "Left out: &lt;x&gt;" in page
     assert "<svg></svg>" in page
     assert "A &lt;table&gt;" in page

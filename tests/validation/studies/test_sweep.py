@@ -293,7 +293,8 @@ def test_a_sweep_leaves_a_table_vector_figures_and_a_page(
         assert (folder / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
     page = (folder / "report.html").read_text("utf-8")
     assert page.count("<svg") == 3
-    assert "Sweep of block" in page
+    assert "Sweep of block: factor of load 1, Poisson&#39;s ratio" in page
+    assert "For which use: not stated" in page
 
 
 @pytest.mark.long
@@ -378,7 +379,7 @@ def test_the_page_leads_with_up_to_where_linear_strain_may_stand_in(
     assert 0.03 < limit < 0.2
     allowed = f"{100.0 * limit:g} %"
     found = lead_of([axis], runs, case)
-    assert found.startswith("Linear strain may stand in for Green's up to load[0].factor = 0.5")
+    assert found.startswith("Linear strain may stand in for Green's up to a factor of load 1 of")
     assert f"(3 % off; allowed: {allowed}" in found
     assert found.endswith("not at 1 (20 %).")
     assert "may not stand in" in lead_of([axis], both(0.2, 1.0), case)

@@ -294,6 +294,12 @@ function capsuleAbout(points) {
 }
 
 // Force over the last ten seconds of the bodies' time, a line for each pane.
+// The next of 1, 2, 4, 6, 8 times a power of ten.
+function roundUp(value) {
+  const size = 10 ** Math.floor(Math.log10(value));
+  return size * [1, 2, 4, 6, 8, 10].find((part) => part * size >= value * (1 - 1e-9));
+}
+
 class Chart {
   constructor(canvas) { this.canvas = canvas; this.rows = []; }
 
@@ -307,9 +313,10 @@ class Chart {
     const c = this.canvas, dense = window.devicePixelRatio || 1, g = c.getContext("2d");
     c.width = c.clientWidth * dense; c.height = c.clientHeight * dense;
     if (!this.rows.length) return;
-    const last = this.rows[this.rows.length - 1].time, most = Math.max(1e-3, ...this.rows.flatMap((r) => r.forces));
-    const left = 4 * dense, foot = 18 * dense, top = 18 * dense, high = c.height - foot - top;
-    const x = (t) => c.width - left - (last - t) / 10 * (c.width - 2 * left), y = (f) => top + high * (1 - f / most);
+    const last = this.rows[this.rows.length - 1].time, most = roundUp(Math.max(1e-3, ...this.rows.flatMap((r) => r.forces)));
+    // Numbers stand beside the lines, not on them.
+    const left = 44 * dense, right = 4 * dense, foot = 18 * dense, top = 8 * dense, high = c.height - foot - top;
+    const x = (t) => c.width - right - (last - t) / 10 * (c.width - left - right), y = (f) => top + high * (1 - f / most);
     g.font = `${11 * dense}px system-ui, sans-serif`;
     g.lineWidth = dense;
     g.strokeStyle = styled("line");
@@ -317,9 +324,10 @@ class Chart {
     for (const part of [0, 0.5, 1]) {
       g.beginPath();
       g.moveTo(left, y(part * most));
-      g.lineTo(c.width - left, y(part * most));
+      g.lineTo(c.width - right, y(part * most));
       g.stroke();
-      if (part) g.fillText(digits(part * most), left, y(part * most) - 3 * dense);
+      g.textAlign = "right";
+      g.fillText(`${+(part * most).toPrecision(2)}`, left - 4 * dense, y(part * most) + 4 * dense);
     }
     for (const [ago, align] of [[10, "left"], [5, "center"], [0, "right"]]) {
       g.textAlign = align;
@@ -361,12 +369,12 @@ class Page {
       const why = code === 4009 ? `refused: ${reason}` : "the simulation has ended";
       this.status(why);
       $("warning").textContent = code === 4009 ? `${reason}: go on there, or close it and reload this page`
-        : "the simulation has ended: start palpate touch again, and open the address that it says";
+        : "the simulation has ended, or the connection is lost: reload this page; if that finds nothing, start palpate touch again";
       $("warning").hidden = false;
       this.stage.onPaint = null; // a frame that waits would hide it
       // Without a body the picture would be black.
       if (!this.stage.box) this.stage.canvas.style.visibility = "hidden";
-      document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; });
+      disableAll();
     };
   }
 
@@ -388,11 +396,12 @@ class Page {
       if (note.errors.length) this.stage.judged(note);
       $("judge").disabled = note.more;
       this.progress(null);
-      this.say(note.text);
+      // An answer that was not found stands beside its question alone.
+      if (!note.question || note.rows.length) this.say(note.text);
       this.answer(note);
       if (note.errors.length) this.stage.views.forEach((view, k) => {
         view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]} against the ${note.against}`;
-        view.querySelector(".most").textContent = note.errors[k] ? `error ${digits(note.largest)} mm` : "no reference";
+        view.querySelector(".most").textContent = note.errors[k] ? `${digits(note.largest)} mm` : "no reference";
       });
       if (note.errors.length) { $("quantity").textContent = note.colour; document.body.dataset.verdicts = note.verdicts.join(" "); }
       if (!note.more) document.body.dataset.judged = note.verdicts.join(" ") || "none";
@@ -419,7 +428,7 @@ class Page {
       const line = document.createElement("p"), what = document.createElement("b");
       line.className = verdict;
       what.textContent = name ? `${name}: ${verdict}` : "not known";
-      line.append(what, ` ${words}`);
+      line.append(what, ` ${words.replaceAll(" %", "\u00a0%")}`);
       box.append(line);
     }
     $("verdicts").append(box);
@@ -451,13 +460,14 @@ class Page {
     if (!(now - this.toldAt < 100)) { this.toldAt = now; this.numbers(head, sizes); }
     const troubled = head.panes.some((pane) => pane.trouble);
     $("warning").hidden = !head.held_back && !head.paused;
-    $("warning").textContent = head.paused ? "paused" : "the tissue takes no more here: the tool is stopped";
+    $("warning").textContent = head.paused ? "paused: “go on” or the space bar" : "the tissue takes no more here: the tool is stopped";
     if (!stage.errors) stage.views.forEach((view, k) => {
       view.querySelector(".name").textContent = `${stage.shown[k].name}${head.panes[k].trouble ? ": stopped; reset to go on" : ""}`;
       view.querySelector(".name").classList.toggle("trouble", Boolean(head.panes[k].trouble));
       view.querySelector(".most").textContent = `${digits(head.most * FACTORS[head.colour])} ${UNITS[head.colour]}`.trim();
     });
     $("pause").setAttribute("aria-pressed", String(head.paused));
+    $("pause").textContent = head.paused ? "go on" : "pause";
     $("record").setAttribute("aria-pressed", String(head.recording));
     $("record").textContent = head.recording ? "end the recording" : "record";
     Object.assign(document.body.dataset, { frame: head.frame, time: head.time, forces: JSON.stringify(head.panes.map((p) => p.force)), troubled });
@@ -474,9 +484,10 @@ class Page {
     });
     this.chart.paint();
     $("quantity").textContent = this.stage.errors ? this.stage.errors.colour : `colour: ${QUANTITIES[head.colour]}`;
-    const slow = head.pace < 0.9 && !head.paused;
+    // Before a pace is measured the factor tells it.
+    const pace = head.time < 0.5 ? head.factor : head.pace, slow = pace < 0.9 && !head.paused;
     $("pace").classList.toggle("slow", slow);
-    $("factor").textContent = `${head.factor.toFixed(2)}${slow ? `; slower than real time: ${head.pace.toFixed(2)}` : ""}`;
+    $("factor").textContent = slow ? `${pace.toFixed(2)}: slower than real time, the tool too` : head.factor.toFixed(2);
     $("time").textContent = `${head.time.toFixed(2)} s`;
     $("frames").textContent = `${this.frames.length}`;
     $("latency").textContent = this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms`;
@@ -529,11 +540,16 @@ class Page {
   }
 }
 
+function disableAll() { document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; }); }
+
 const stageIsLinear = (name) => name.startsWith("linear");
 
 try {
   window.palpate = new Page();
 } catch (error) {
   $("status").textContent = `This page needs WebGL 2: ${error.message}`;
+  $("warning").textContent = "This page needs WebGL 2: switch on the browser's graphics acceleration, or take another browser";
+  $("warning").hidden = false;
+  disableAll();
   document.body.dataset.status = "failed";
 }

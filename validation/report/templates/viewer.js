@@ -1,8 +1,9 @@
 // The 3-D view of a report: errors, original, candidates, reference. After drawing.js.
 
 const TOOL = [0.79, 0.54, 0.07, 0.32], PUSHED = [0.71, 0.2, 0.18, 1], HELD = [0.12, 0.35, 0.75, 0.9];
-// A tool may reach beyond the body by this part of its size before the frame cuts the tool.
-const BEYOND = 0.3;
+// A tool may reach beyond the body by this part of its size before the frame cuts the tool; one that
+// is no larger than so many of its sizes is whole.
+const BEYOND = 0.3, WHOLE = 1.5;
 
 // An arrow of triangles from a place along a vector: a shaft of eight sides and a cone.
 function arrowOf(start, vector) {
@@ -110,9 +111,13 @@ class Viewer extends Stage {
         }
     };
     widen(this.outermost, [-Infinity, -Infinity], [Infinity, Infinity]);
-    const beyond = BEYOND * Math.max(high[0] - low[0], high[1] - low[1]);
-    const least = low.map((x) => x - beyond), most = high.map((x) => x + beyond);
-    for (const tool of this.tools) widen(this.placed(tool, tool.poses.length / 12 - 1), least, most);
+    const size = Math.max(high[0] - low[0], high[1] - low[1]), first = low.map((x) => x), last = high.map((x) => x);
+    for (const tool of this.tools) {
+      const points = this.placed(tool, tool.poses.length / 12 - 1), sides = [0, 1, 2].map((i) => points.filter((_, k) => k % 3 === i));
+      const reach = Math.max(...sides.map((side) => Math.max(...side) - Math.min(...side)));
+      const beyond = size * (reach <= WHOLE * size ? 1 : BEYOND);
+      widen(points, first.map((x) => x - beyond), last.map((x) => x + beyond));
+    }
     this.half = [0, 1].map((row) => Math.max(0.5 * (high[row] - low[row]), 0.05 * this.radius));
     this.middle = [0, 1].map((row) => 0.5 * (high[row] + low[row]));
   }
@@ -147,7 +152,7 @@ class Viewer extends Stage {
     const scene = this.scene, views = scene.looks[Number(this.choice.value)].views;
     const all = (kind, of) => Math.max(0, ...views.filter((v) => kind in v).map((v) => of[v[kind]].largest));
     const moved = all("solution", scene.solutions), wrong = all("error", scene.errors);
-    const original = { name: "original: fixed blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
+    const original = { name: "original: fixed blue, loaded red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
     this.shown = views.map((v) => ("original" in v ? original : "solution" in v
         ? { name: scene.solutions[v.solution].name, motion: this.motions[v.solution], value: null, mode: 1, largest: moved }
         : { name: v.name, motion: this.motions[scene.errors[v.error].candidate], value: this.errorLengths[v.error], mode: 1, largest: wrong }));
