@@ -148,18 +148,24 @@ def judge_check(
 def _of_candidate_alone(
     spec: CheckSpec, strain: Strain, problem: Problem, candidate: State
 ) -> CheckResult:
-    """A check that needs no reference: it has no error bar."""
+    """A check that needs no reference: its error bar is what reading the result may be off by."""
     about = spec.about
     assert about.own is not None
-    worst = about.own(problem.mesh, candidate)
-    is_good = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
-    is_good = is_good and math.isfinite(worst.value)
-    sign = ">" if is_good else "not >"
-    message = about.says.format(worst, sign=sign, limit=spec.limit)
-    verdict = Verdict.PASSED if is_good else Verdict.FAILED
+    worst = about.own(problem, candidate)
+    verdict = decide(worst.value, worst.doubt, spec.limit)
+    if about.is_lower_limit:
+        is_good = worst.value > spec.limit and math.isfinite(worst.value)
+        verdict = Verdict.PASSED if is_good else Verdict.FAILED
+    above, below = (">", "not >") if about.is_lower_limit else ("<=", ">")
+    sign = {Verdict.PASSED: above, Verdict.FAILED: below}.get(verdict, "~")
+    bar = _shown(worst.doubt, "")
+    message = about.says.format(worst, sign=sign, limit=spec.limit, bar=bar)
     value = worst.value if math.isfinite(worst.value) else None
     found = unjudged_check(spec, strain, verdict, message)
-    return dataclasses.replace(found, value=value, scale=about.scale)
+    parts = BarParts(reading=worst.doubt).reported(with_geometry=False)
+    return dataclasses.replace(
+        found, value=value, scale=about.scale, reference_error=worst.doubt, bar_parts=parts
+    )
 
 
 def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> CheckResult:

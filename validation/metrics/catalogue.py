@@ -16,8 +16,15 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics import comparison, motion, numbers, sliding, stress, validity
+from palpate.validation.metrics import (
+    balance,
+    comparison,
+    motion,
+    numbers,
+    sliding,
+    stress,
+    validity,
+)
 from palpate.validation.metrics.difference import (
     Difference,
     are_measurable,
@@ -70,7 +77,7 @@ class Metric:
             read at the points does not carry it.
         needs_time: For cases with [time] only.
         needs_tools: For cases with tools only.
-        needs_slide: For motions in which a tool slides at constant depth only.
+        unfit: Says what a problem needs for it that this one has not; "" where it has all.
         where: Says of a candidate that fails when and by how much it leaves the reference.
     """
 
@@ -81,7 +88,7 @@ class Metric:
     scale_of: comparison.ScaleOf | None = None
     compare: Compare | None = None
     of_part: CompareInPart | None = None
-    own: Callable[[TetMesh, State], validity.Worst] | None = None
+    own: Callable[[Problem, State], validity.Worst] | None = None
     says: str = ""
     unit: str = "-"
     asks: tuple[str, ...] = ()
@@ -98,8 +105,8 @@ class Metric:
     has_limit_at_points: bool = False
     needs_same_mesh: bool = False
     needs_tools: bool = False
-    needs_slide: bool = False
     needs_time: bool = False
+    unfit: Callable[[Problem], str] | None = None
     where: Callable[[Problem, State, State], str] | None = None
 
     @property
@@ -128,10 +135,10 @@ class Metric:
         return self.error is not None or self.compare is not None
 
     def fits(self, problem: Problem) -> bool:
-        """Whether the problem has the time, the tools or the slide that the metric needs."""
+        """Whether the problem has the time, the tools and whatever else the metric needs."""
         has_time, has_tools = problem.time is not None, bool(problem.tools)
         has_all = (has_time or not self.needs_time) and (has_tools or not self.needs_tools)
-        return has_all and (not self.needs_slide or sliding.slides_a_tool(problem))
+        return has_all and (self.unfit is None or not self.unfit(problem))
 
 
 _AXES = ("x", "y", "z")
@@ -249,7 +256,7 @@ _METRICS = (
         has_moving_truth=True,
         needs_time=True,
         needs_tools=True,
-        needs_slide=True,
+        unfit=sliding.unfit,
     ),
     Metric(
         "false_lateral_force",
@@ -260,7 +267,7 @@ _METRICS = (
         has_moving_truth=True,
         needs_time=True,
         needs_tools=True,
-        needs_slide=True,
+        unfit=sliding.unfit,
     ),
     Metric(
         "strain_energy",
@@ -313,7 +320,7 @@ _METRICS = (
         "smallest_det_f",
         "smallest volume ratio of a cell",
         "none",
-        own=validity.smallest_det_f,
+        own=lambda problem, state: validity.smallest_det_f(problem.mesh, state),
         says="smallest det F {0.value:.4g}{0.when} {sign} {limit:g}",
         is_lower_limit=True,
     ),
@@ -321,9 +328,29 @@ _METRICS = (
         "inverted_cells",
         "cells turned inside out",
         "none",
-        own=validity.most_inverted,
+        own=lambda problem, state: validity.most_inverted(problem.mesh, state),
         says="{0.value:.0f} inverted cell(s){0.when}, at most {limit:g}",
         unit="cells",
+    ),
+    Metric(
+        "impulse_balance",
+        "impulse of the forces on the tools against the change of the body's momentum",
+        "the impulse that the trajectory shows",
+        own=balance.impulse_balance,
+        says="impulse off by {0.value:.3g}{bar} {sign} {limit:g}",
+        needs_time=True,
+        needs_tools=True,
+        unfit=balance.unfit,
+    ),
+    Metric(
+        "energy_balance",
+        "energy won or lost between the throw and the end, damping counted",
+        "kinetic energy of the initial velocity",
+        own=balance.energy_balance,
+        says="energy off by {0.value:.3g}{bar} {sign} {limit:g}",
+        needs_time=True,
+        needs_tools=True,
+        unfit=balance.unfit,
     ),
     Metric(
         "published_displacement",

@@ -73,9 +73,14 @@ def slides(problem: Problem) -> Iterator[Slide]:
             yield Slide(number, (found + 1).astype(np.int32), outward, ways)
 
 
-def slides_a_tool(problem: Problem) -> bool:
-    """Whether a tool slides over at least three outputs of a motion."""
-    return next(slides(problem), None) is not None
+def unfit(problem: Problem) -> str:
+    """What a problem needs for these metrics and has not; "" where it has a slide."""
+    if next(slides(problem), None) is not None:
+        return ""
+    return (
+        "a motion in which a tool is pressed in, then slides at right angles to that, over three "
+        "outputs or more"
+    )
 
 
 def force_ripple(pair: Pair) -> Measured:
@@ -135,9 +140,8 @@ def _outward(tool: RigidTool) -> Floats | None:
 
 
 def _num_outputs(problem: Problem) -> int:
-    if problem.time is None or not slides_a_tool(problem):
-        raise InputError(
-            "force_ripple and false_lateral_force are of a motion in which a tool is pressed in, "
-            "then slides at right angles to that, over three outputs or more: none does here"
-        )
+    needed = unfit(problem)
+    if needed:
+        raise InputError(f"force_ripple and false_lateral_force are of {needed}: none does here")
+    assert problem.time is not None
     return problem.time.num_outputs

@@ -72,10 +72,14 @@ def det_f(mesh: TetMesh, displacement: Points) -> Points:
 
 @dataclass(frozen=True)
 class Worst:
-    """A count or a ratio of the worst of all states that were given, and its time [s]."""
+    """A count or a ratio of the worst of all states that were given, and its time [s].
+
+    `doubt` is what reading it may be off by, and counts as its error bar.
+    """
 
     value: float
     time: float | None = None
+    doubt: float = 0.0
 
     @property
     def when(self) -> str:
