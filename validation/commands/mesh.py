@@ -165,6 +165,11 @@ def mesh(
             raise InputError(f"{option} {value:g}: needs a finite value above 0")
     scale = LENGTH[unit]
     units = Units.model_validate({"length": unit})
+    say = progress_lines()
+
+    def progress(line: str) -> None:
+        say(units.in_case_units(line))
+
     if surface == "kidney":
         loaded = LoadedSurface(shape_kidney(edge_length=size * scale if size else 0.008), [], {})
     else:
@@ -179,10 +184,10 @@ def mesh(
                 repair=choices,
                 wrap=away,
                 time_limit=time_limit,
-                progress=progress_lines(),
+                progress=progress,
             )
         for note in loaded.notes:
-            progress_lines()(units.in_case_units(note))
+            progress(note)
     if grade_to is not None and not all(map(math.isfinite, grade_to)):
         raise InputError(f"--grade-to {grade_to}: needs three finite numbers")
     with units.in_own_words():
@@ -204,7 +209,7 @@ def mesh(
     )
     tissue = Material(*(material or TISSUE))
     how = Filling(
-        progress=progress_lines(),
+        progress=progress,
         time_limit=time_limit,
         began=began,
         target=None if target_step is None else (tissue, target_step),

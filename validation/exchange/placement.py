@@ -134,8 +134,8 @@ def _require_same_size(points: Points, rest: Points) -> None:
     ratio = float(np.ptp(points, axis=0).max() / np.ptp(rest, axis=0).max())
     if not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         raise CandidateFailedError(
-            f"its body is {ratio:.4g} times as large as the case's; say `length_unit`, or send "
-            "metres"
+            f"its body is {ratio:.4g} times as large as the case's: send metres (an .npz may say "
+            "another `length_unit`)"
         )
 
 

@@ -226,6 +226,11 @@ def _judge_one(
             if strain in measured and are_the_cases(problem, solution.steps):
                 progress(f"diagnosis, {strain} strain")
                 found.append(_diagnosed(judge, judged, solution))
+            elif strain in measured:
+                notes.append(
+                    "No diagnosis: mistakes are looked for in motions by the case's own scheme and "
+                    "step alone."
+                )
     notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
     verdict, why = _verdict(checks, judged.asked.of(problem))
     notes.extend(why)

@@ -363,3 +363,10 @@ def test_a_case_says_how_far_its_meshing_is_in_per_cent_and_no_more(monkeypatch)
     assert case.build(lines.append) is built  # once
     assert case.mesh is built
     assert lines == ["improving cells: 39 %"]
+
+
+def test_the_progress_of_meshing_is_in_the_unit_of_the_file(palpate_run, tmp_path) -> None:
+    write_surface(tmp_path / "ball.stl", shape_sphere(10.0, edge_length=5.0))  # mm
+    done = palpate_run("mesh", tmp_path / "ball.stl", "--size", "5", "-o", tmp_path / "ball.vtu")
+    assert done.returncode == 0
+    assert re.search(r"edge length 5 mm", done.stderr)

@@ -167,6 +167,7 @@ def test_a_poor_motion_is_off_by_a_number_since_a_step(case: Case) -> None:
     # Four steps to an output.
     assert f"off by {100.0 * value:.3g} % of the largest displacement" in check.message
     assert "1 % from 0.008 s on (output 1, step 4)" in check.message
+    assert any(note.startswith("No diagnosis: ") for note in result.notes)
 
 
 def test_steps_that_cannot_be_meant_are_refused(case: Case) -> None:
