@@ -327,7 +327,8 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3460,
+        3465,
+        "issue 38: a tool that was stopped says so until it moves, reasons in the page's units; "
         "issue 38: poses too deep and bodies too large are refused at once; "
         "issue 35: small cells where the page's tool touches first; "
         "issue 34: how the page is opened, and what recordings may not replace; "
