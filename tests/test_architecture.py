@@ -341,6 +341,7 @@ LINES = {
     ),
     "validation/live": (
         3470,
+        "issue 38: a tool that was stopped says so until it moves, reasons in the page's units; "
         "issue 38: poses too deep and bodies too large are refused at once; "
         "issue 35: small cells where the page's tool touches first; "
         "issue 34: how the page is opened, and what recordings may not replace; "

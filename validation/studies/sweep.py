@@ -129,14 +129,14 @@ def lead_of(axes: Sequence[Axis], runs: Sequence[Run], case: Case) -> str:
     if not good:
         least = min(worst, key=lambda value: worst[value])
         return (
-            f"Linear strain may not stand in for Green's at any value of {key} that was tried: it "
-            f"is {100.0 * worst[least]:.3g} % off at least, at {least:g} ({allowed})."
+            f"Linear strain may not stand in for Green's at any value of the {key} that was "
+            f"tried: it is {100.0 * worst[least]:.3g} % off at least, at {least:g} ({allowed})."
         )
     if len(good) == len(tested):
         most = max(worst, key=lambda value: worst[value])
         return (
-            f"Linear strain may stand in for Green's at every value of {key} that was tried: it is "
-            f"{100.0 * worst[most]:.2g} % off at most, at {most:g} ({allowed})."
+            f"Linear strain may stand in for Green's at every value of the {key} that was "
+            f"tried: it is {100.0 * worst[most]:.2g} % off at most, at {most:g} ({allowed})."
         )
     bad = next(value for value in tested if value not in good)
     where = f"up to a {key} of {good[-1]:g}" if axes[0].is_load else (

@@ -97,7 +97,7 @@ def test_the_pull_of_a_grip_is_that_of_statics(serving) -> None:
 
 
 @pytest.mark.parametrize("radius", [8.9, 13.0], ids=["slips", "crushes"])
-def test_a_tool_that_is_driven_through_the_body_is_retreating(radius: float) -> None:
+def test_a_tool_that_is_driven_through_the_body_is_held_back(radius: float) -> None:
     """A ball towards the clamp: a small one parts the vertices, a large one inverts cells."""
     ball = {"shape": "sphere", "radius": radius}
     live = live_case(load_case("block"), Touch(ball, mass_damping=100.0), (Element.LINEAR,))
@@ -107,7 +107,7 @@ def test_a_tool_that_is_driven_through_the_body_is_retreating(radius: float) -> 
     retreats = 0
     for _ in range(150):
         position = pointer.next_position(pane.room)
-        retreats += pointer.is_retreating
+        retreats += pointer.is_held_back
         pane.advance(position * 1e-3, None, live.clock.steps)
         assert not pane.trouble
     assert retreats

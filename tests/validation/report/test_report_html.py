@@ -290,6 +290,11 @@ def test_a_page_has_no_keys_where_a_reader_wants_words(kidney: CaseResult, tmp_p
     assert cells[cells.index("displacement (same mesh, Green strain)") + 3] == "1.00e-08"
     row = cells.index("smallest det F (own, Green strain)")
     assert cells[row + 3 : row + 6] == ["&gt; 0", "–", "–"]
+    # Nor has the index of several cases.
+    several = [kidney, dataclasses.replace(kidney, name="other")]
+    index = html.write_report(several, tmp_path).read_text("utf-8").partition("<body>")[2]
+    for key in ("_l2", "(+-", "+00:00"):
+        assert key not in index, key
 
 
 @pytest.mark.usefixtures("no_pictures")
