@@ -129,7 +129,7 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
     axes.set_yticks(range(len(budgets)), names, fontsize=8 * size)
     axes.set_axisbelow(True)
     axes.axvline(0.0, color="black", lw=0.8)
-    words = ["error [% of the truth]", "upright tick: total"]
+    words = ["error [%]", "upright tick: total"]
     # A column has no room for one line.
     axes.set_xlabel("; ".join(words) if is_page else "\n".join([budgets[0].quantity, *words]))
     axes.xaxis.set_major_locator(MaxNLocator(7 if is_page else 4))

@@ -98,16 +98,6 @@ _CHECK = (
 _SOLUTION = ("label", "strain", "element", "degree")
 
 
-# The first column of a budget that is an error.
-_ERROR = 4
-
-
-def _per_cent(cell: str) -> float | str:
-    """The number of "+1.2 %", which a program reads; "" of a dash, and as it is with words."""
-    number, _, words = cell.partition(" %")
-    return cell if words else "" if cell == "-" else float(number)
-
-
 def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = ()) -> list[Path]:
     """Write NAME-states, -checks and -solutions.csv, and -budget.csv where there are budgets."""
     texts = {
@@ -116,11 +106,7 @@ def write_tables(result: CaseResult, folder: Path, budgets: Sequence[Budget] = (
         "solutions": solutions_csv(result),
     }
     if budgets:
-        columns, rows = budget_rows(list(budgets), result.units)
-        columns = [*columns[:_ERROR], *(f"{name} [% of the truth]" for name in columns[_ERROR:])]
-        texts["budget"] = csv_text(
-            columns, ([*row[:_ERROR], *map(_per_cent, row[_ERROR:])] for row in rows)
-        )
+        texts["budget"] = csv_text(*budget_rows(list(budgets), result.units))
     made = []
     for name, text in texts.items():
         path = folder / f"{result.name}-{name}.csv"
