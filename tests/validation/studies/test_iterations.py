@@ -163,7 +163,12 @@ def sweep_of(let_go: Path, tmp_path: Path) -> Callable[..., tuple[int, str, Path
             "it ignores them, or had come to its result",
         ),
         # Some of the values only: it takes no fewer than 20, or no more.
-        ("u = right * (1 + 1 / max(iterations, 20))", 1, "it ignores what it is asked for"),
+        pytest.param(
+            "u = right * (1 + 1 / max(iterations, 20))",
+            1,
+            "it ignores what it is asked for",
+            marks=pytest.mark.nightly,
+        ),
         ("u = right * (1 + 1e-2 * step / min(iterations, 20))", 3, "the same result to 1e-05"),
         # It says itself that it took other steps, or another scheme.
         ("u = right * (1 + step / iterations); about['time_step'] = 4e-3", 1, "steps of 0.004 s"),
@@ -172,8 +177,18 @@ def sweep_of(let_go: Path, tmp_path: Path) -> Callable[..., tuple[int, str, Path
             1,
             'states "7" iterations',
         ),
-        ("u = right * (1 + step / iterations); about['integrator'] = 'bdf2'", 1, "states bdf2"),
-        ("u = right * (1 + step / iterations); about['element'] = 'smoothed'", 1, "smoothed"),
+        pytest.param(
+            "u = right * (1 + step / iterations); about['integrator'] = 'bdf2'",
+            1,
+            "states bdf2",
+            marks=pytest.mark.nightly,
+        ),
+        pytest.param(
+            "u = right * (1 + step / iterations); about['element'] = 'smoothed'",
+            1,
+            "smoothed",
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_a_simulator_that_ignores_what_it_is_asked_for_shows_nothing(
