@@ -213,7 +213,7 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
         )
         # No metric's name is broken: the other columns are made narrower.
         longest = max((len(check.metric) for check in result.checks), default=0)
-        table.add_column("check", overflow="fold", width=longest)
+        table.add_column("check", overflow="fold", min_width=longest)
         for name in ("found", "verdict", "why this limit"):
             table.add_column(name, overflow="fold")
         said: dict[str, str] = {}
