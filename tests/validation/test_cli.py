@@ -326,7 +326,7 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
 def test_report_of_ones_own_surface_from_another_folder(
     palpate_run: Run, tmp_path: Path, write_case: Write
 ) -> None:
-    surface = shape_kidney(edge_length=14e-3)
+    surface = shape_kidney(edge_length=20e-3)
     write_surface(tmp_path / "organ.stl", surface)
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
     path = write_case(
@@ -335,6 +335,7 @@ def test_report_of_ones_own_surface_from_another_folder(
         ("[1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0]", "[0, 0, 0.03], normal = [0, 0, 1]"),
         ("force = [60.0, 20.0, -10.0]", "force = [0.04, 0.02, 0.12]"),
     )
+    path.write_text(path.read_text("utf-8") + "\n[truth]\nminutes = 0.1\n", "utf-8")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     done = palpate_run("report", path, "-o", "out", folder=elsewhere)

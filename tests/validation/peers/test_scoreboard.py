@@ -341,7 +341,7 @@ def by_descent(problem: Problem, iterations: int) -> State:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_errors_of_step_iterations_and_law_land_in_their_own_columns(let_go: Path) -> None:
     case = load_case(let_go)
     problem = case.problem

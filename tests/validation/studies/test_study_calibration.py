@@ -364,7 +364,7 @@ def test_what_is_nearly_the_same_on_the_spot_is_solved_once(monkeypatch) -> None
 
 
 @pytest.mark.dolfinx
-@pytest.mark.long
+@pytest.mark.nightly
 def test_some_problems_keep_their_word() -> None:
     chosen = [p for p in known_problems() if p.name in QUICK]
     assert len(chosen) == len(QUICK)

@@ -116,7 +116,7 @@ def test_the_page_has_every_run() -> None:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.long
+@pytest.mark.nightly
 def test_tiny_bars_are_followed_and_a_perturbed_element_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
