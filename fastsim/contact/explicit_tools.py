@@ -51,7 +51,7 @@ def _is_over_facets(tool: RigidTool) -> bool:
 
 
 def _forms(problem: Problem, law: ContactLaw | None) -> list[ContactForm]:
-    """How each tool is kept out; refuses what is known at vertices only."""
+    """The form of contact of each tool; what is known at vertices only is refused."""
     forms = []
     for number, tool in enumerate(problem.tools):
         is_box = _is_over_facets(tool) and isinstance(tool.shape, BoxShape)

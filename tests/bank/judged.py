@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
+from typing import Any
 
 import numpy as np
+import pytest
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
@@ -17,6 +20,12 @@ from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import State, Trajectory, Verdict, in_silence
 
 GREEN, LINEAR = Strain.GREEN, Strain.LINEAR
+
+
+def large_by_night(names: Iterable[str]) -> list[Any]:
+    """Names of built-in cases as parameters of a test, of which large ones run at night alone."""
+    large = pytest.param("silicone-bar", marks=pytest.mark.nightly)
+    return [large if name == "silicone-bar" else name for name in names]
 
 
 @cache

@@ -6,7 +6,6 @@ import palpate too, where palpate is not installed for it.
 
 from __future__ import annotations
 
-import functools
 import os
 import pickle
 import subprocess
@@ -17,11 +16,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bank import loaded_bar, pressure
+from judged import case_of, large_by_night
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.problem_files import save_problem
 from palpate.reference.tasks import StaticTask
-from palpate.validation.case import builtin_cases, load_case
+from palpate.validation.case import builtin_cases
 
 OTHER = os.environ.get("PALPATE_OTHER_PYTHON", "")
 
@@ -109,13 +109,7 @@ def test_the_other_version_gives_the_same_answer(there, strain, degree, element)
 # A hundred times as long as high: the last digits of what bends it are lost in what stretches it,
 # which is (L / h)^2 as stiff.
 TOLERANCES = {"sze": 1e-8}
-LARGE = ("silicone-bar",)
-problem_of = functools.cache(lambda name: load_case(name).problem)
-STATIC = [
-    pytest.param(name, marks=pytest.mark.nightly) if name in LARGE else name
-    for name in builtin_cases()
-    if problem_of(name).time is None
-]
+STATIC = large_by_night(name for name in builtin_cases() if case_of(name).problem.time is None)
 
 
 @pytest.mark.slow
@@ -124,6 +118,6 @@ STATIC = [
 @pytest.mark.parametrize("name", STATIC)
 def test_the_versions_agree_on_the_built_in_cases(there, name, element, strain):
     tolerance = TOLERANCES.get(name, 1e-9)
-    problem = problem_of(name)
+    problem = case_of(name).problem
     apart = largest_difference(there, problem, strain, 1, tolerance, element)
     assert apart < tolerance

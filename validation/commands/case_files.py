@@ -51,7 +51,7 @@ def init(
 ) -> None:
     """Write a case file to start from: every key with what it means, loads guessed and marked."""
     from palpate.meshes.fingerprint import file_hash
-    from palpate.meshes.temporaries import write_text_atomically
+    from palpate.meshes.temporaries import atomic_path, write_text_atomically
     from palpate.validation.case import load_case, require_case_name
     from palpate.validation.case.writing import first_case
     from palpate.validation.report.preview import unusual_size
@@ -79,9 +79,11 @@ def init(
         try:
             mesh = loaded.build(progress).mesh
         except InputError:  # a case of it would be of no use
-            output.unlink()
-            if before is not None:
-                output.write_bytes(before)
+            if before is None:
+                output.unlink()
+            else:
+                with atomic_path(output) as whole:
+                    whole.write_bytes(before)
             raise
         factor = _factor_of_guess(loaded)
     except InputError:

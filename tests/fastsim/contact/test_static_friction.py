@@ -86,11 +86,11 @@ def test_both_find_the_same_stick_and_slip(
 @pytest.mark.dolfinx
 def test_a_tenth_more_friction_is_seen_by_the_reference() -> None:
     posed = block_on_a_plane(FRICTION, ContactRule.FACETS)
-    spoiled = solve_contact(block_on_a_plane(1.1 * FRICTION, ContactRule.FACETS)).forces[:, 0]
-    apart = np.abs(spoiled - np.array(solve_static(posed).tools[0].forces))
+    perturbed = solve_contact(block_on_a_plane(1.1 * FRICTION, ContactRule.FACETS)).forces[:, 0]
+    apart = np.abs(perturbed - np.array(solve_static(posed).tools[0].forces))
     # The last knots but one slip: there it is a tenth of the drag, in the others less.
-    assert apart[7, 0] == pytest.approx(0.1 * FRICTION * abs(spoiled[7, 2]), rel=0.05)
-    assert apart.max() > 1e-2 * np.abs(spoiled).max()
+    assert apart[7, 0] == pytest.approx(0.1 * FRICTION * abs(perturbed[7, 2]), rel=0.05)
+    assert apart.max() > 1e-2 * np.abs(perturbed).max()
 
 
 def test_a_penalty_knows_no_friction() -> None:

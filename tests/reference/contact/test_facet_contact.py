@@ -77,6 +77,15 @@ def points_of_quarters():
             yield sum((2 / 3 if m == k else 1 / 6) * quarter[m] for m in range(3))
 
 
+def points_of(mesh, facets):
+    """Facet, area and weights of its corners, of each point in turn."""
+    for facet in facets:
+        a, b, c = mesh.points[facet]
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+        for beta in points_of_quarters():
+            yield facet, area / 12, beta
+
+
 def test_the_points_of_a_facet_are_exact_for_products_of_two_shape_functions() -> None:
     shares = np.array(list(points_of_quarters()))
     assert len({tuple(row) for row in shares.round(9)}) == 12
@@ -88,14 +97,11 @@ def by_hand(mesh, facets, displacement, centre, radius, pressures, penalty, is_f
     gaps, areas = np.zeros(mesh.num_points), np.zeros(mesh.num_points)
     placed = mesh.points + displacement
     rows = []
-    for facet in facets:
-        a, b, c = mesh.points[facet]
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
-        areas[facet] += area / 3
-        for beta in points_of_quarters():
-            arm = beta @ placed[facet] - centre
-            rows.append((facet, area / 12, beta, arm))
-            gaps[facet] += area / 12 * (4 * beta - 1) * (np.linalg.norm(arm) - radius)
+    for facet, weight, beta in points_of(mesh, facets):
+        arm = beta @ placed[facet] - centre
+        rows.append((facet, weight, beta, arm))
+        areas[facet] += weight * (4 * beta - 1)
+        gaps[facet] += weight * (4 * beta - 1) * (np.linalg.norm(arm) - radius)
     gaps = gaps / np.where(areas > 0.0, areas, 1.0)
     tractions = np.where(is_fixed, 0.0, np.maximum(0.0, pressures - penalty * gaps))
     forces, moment = np.zeros_like(placed), np.zeros(3)
@@ -150,18 +156,15 @@ def friction_by_hand(mesh, facets, displacements, poses, pressures, penalty, coe
     (first, turned), (last, turn) = poses
     before, after = (mesh.points + u for u in displacements)
     rows = []
-    for facet in facets:
-        a, b, c = mesh.points[facet]
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
-        areas[facet] += area / 3
-        for beta in points_of_quarters():
-            here, there = beta @ after[facet], beta @ before[facet]
-            carried = last + turn @ turned.T @ (there - first)  # with the tool, had it stuck
-            arm = here - last
-            dual = area / 12 * (4 * beta - 1)[:, None]
-            slips[facet] += dual * (here - carried)
-            normals[facet] += dual * arm / np.linalg.norm(arm)
-            rows.append((facet, dual, beta))
+    for facet, weight, beta in points_of(mesh, facets):
+        here, there = beta @ after[facet], beta @ before[facet]
+        carried = last + turn @ turned.T @ (there - first)  # with the tool, had it stuck
+        arm = here - last
+        dual = weight * (4 * beta - 1)[:, None]
+        areas[facet] += dual
+        slips[facet] += dual * (here - carried)
+        normals[facet] += dual * arm / np.linalg.norm(arm)
+        rows.append((facet, dual, beta))
     areas = np.where(areas > 0.0, areas, 1.0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     trial = -penalty * slips / areas

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judged import case_of, references_of
+from judged import case_of, large_by_night, references_of
 
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.candidates.candidate import result_candidate
@@ -63,13 +63,7 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     return gravest([c.verdict for c in result.checks if c.against == "same_mesh"])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.nightly) if name == "silicone-bar" else name
-        for name in builtin_cases()
-    ],
-)
+@pytest.mark.parametrize("name", large_by_night(builtin_cases()))
 @pytest.mark.long
 def test_garbage_at_inner_points_of_the_own_mesh_fails(name: str, tmp_path: Path) -> None:
     assert verdict_on_own_mesh(name, tmp_path, garbage=0.3) is Verdict.FAILED
