@@ -27,8 +27,8 @@ from palpate.meshes.tri_surface import TriSurface
 # No copy takes longer than this [s]; reading a small file takes a few milliseconds.
 LONGEST = 5
 # The same where VTK tries what meshio refuses: a busy machine takes some seconds to start it, and
-# 300 are given to it. So by day a .vtk is cut at ends of lines and at every so many bytes.
-LONGEST_OF_VTK, STEP_OF_VTK = 60, 67
+# 300 are given to it. So by day a .vtk is cut where a section begins and at every so many bytes.
+LONGEST_OF_VTK, STEP_OF_VTK = 60, 131
 READ = """
 import re, signal
 from pathlib import Path
@@ -39,9 +39,9 @@ path = file.with_name("copy" + file.suffix)
 read(file)
 COUNTS = b"-1", b"100000", b"30000000", b"100000000000", b"1" + 18 * b"0", 40 * b"9"
 step, longest = int(sys.argv[3]), int(sys.argv[4])
-line_ends = [found.end() for found in re.finditer(rb"\\n", whole)]
+starts = [found.end() for found in re.finditer(rb"\\n(?=[A-Z])", whole)]
 def copies():
-    for end in sorted({*range(0, len(whole), step), *line_ends} - {len(whole)}):
+    for end in sorted({*range(0, len(whole), step), *starts} - {len(whole)}):
         yield end, whole[:end]
     for number, word in enumerate(re.finditer(rb"(?<![\\w.+-])\\d+(?![\\w.])", whole)):
         line = whole[:word.start()].rpartition(b"\\n")[2]
@@ -84,7 +84,7 @@ def written(folder: Path, suffix: str, form: str, what: str) -> Path:
     if suffix == ".msh":
         meshio.gmsh.write(path, out, form, binary=False)
     elif suffix == ".vtk":
-        meshio.write(path, out, form, binary=False)
+        meshio.vtk.write(path, out, form, binary=False)
     else:
         meshio.write(path, meshio.Mesh(out.points, cells), binary=False)
     return path
@@ -95,7 +95,7 @@ KINDS = [
     *[("mesh", suffix, "ours") for suffix in MESH_SUFFIXES],
     *[("surface", suffix, "text") for suffix in (".ply", ".stl", ".vtu")],
     *[("mesh", ".msh", version) for version in ("2.2", "4.0", "4.1")],
-    *[("mesh", ".vtk", version) for version in ("vtk42", "vtk51")],
+    *[("mesh", ".vtk", version) for version in ("4.2", "5.1")],
 ]
 
 
