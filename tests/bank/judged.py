@@ -68,12 +68,17 @@ def sending(make, **options) -> Candidate:
     return Candidate("mine", solve, element=options.get("element", Element.LINEAR))
 
 
+def judge(case: Case, **options) -> CaseResult:
+    """Verdicts alone: what explains a result that fails is not looked for unless asked."""
+    return judge_case(case, **({"diagnoses": False} | options))
+
+
 def judged_by(references: ReferenceSet, monkeypatch, case: Case, **options) -> CaseResult:
     """A case judged by these references, instead of those that are stored."""
     monkeypatch.setattr(
         "palpate.validation.judging.judge.find_references", lambda *_a, **_k: references
     )
-    return judge_case(case, **options)
+    return judge(case, **options)
 
 
 def on_same_mesh(result: CaseResult) -> list[CheckResult]:

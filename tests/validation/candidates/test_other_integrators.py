@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from judged import judge
 
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import load_case
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.states import Verdict
 
 PROGRAM = Path(__file__).parent / "other_integrators.py"
@@ -20,9 +20,7 @@ METHODS = ("euler", "newmark")
 def judged(method: str, mistake: str = "none") -> tuple[Verdict, set[str]]:
     """The verdict, and what failed."""
     command = f"{sys.executable} {PROGRAM} {{case}} {{result}} {method} {mistake}"
-    result = judge_case(
-        load_case("strip"), candidate=outside_candidate(OutsideSimulator(command, 300))
-    )
+    result = judge(load_case("strip"), candidate=outside_candidate(OutsideSimulator(command, 300)))
     failed = {check.metric for check in result.checks if check.verdict is Verdict.FAILED}
     return result.verdict, failed
 

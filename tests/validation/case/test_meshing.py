@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from case_texts import BOX
+from judged import judge
 from typer.testing import CliRunner
 
 import palpate
@@ -26,7 +27,6 @@ from palpate.meshes.tri_surface import (
 from palpate.validation.case import load_case, meshing
 from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.states import Verdict
 
 
@@ -205,7 +205,7 @@ def test_what_does_not_go_with_it_is_refused(write_case, tmp_path):
 @pytest.mark.long
 def test_both_solvers_agree_on_two_materials(write_case, tmp_path):
     case = load_case(case_with_tumour(write_case, tmp_path))
-    result = judge_case(case, live=True)
+    result = judge(case, live=True)
     same = [c for c in result.checks if c.metric == "displacement_l2"]
     assert same
     assert {c.verdict for c in same} == {Verdict.PASSED}

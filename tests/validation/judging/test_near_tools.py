@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from judged import judge
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import availability
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import load_case
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.stored import MissingReferenceError
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
@@ -22,7 +22,7 @@ EDGE = 0.005
 
 
 def judged(candidate: Candidate, edge: float = EDGE) -> CaseResult:
-    return judge_case(load_case("press").near_tools(edge), candidate=candidate)
+    return judge(load_case("press").near_tools(edge), candidate=candidate)
 
 
 def of_truth(result: CaseResult) -> dict[str, float]:
@@ -40,7 +40,7 @@ def without_fenicsx(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("without_fenicsx")
 def test_the_stored_truth_is_nearer_on_small_cells_than_on_the_case_s() -> None:
-    near, plain = judged(SMOOTHED), judge_case(load_case("press"), candidate=SMOOTHED)
+    near, plain = judged(SMOOTHED), judge(load_case("press"), candidate=SMOOTHED)
     assert near.name == "press-near-tool"
     # 7.8 and 1.1 % on these cells, 23 and 3.2 % on the case's (write_a_case.md).
     assert of_truth(near)["displacement_l2"] < 0.5 * of_truth(plain)["displacement_l2"]
@@ -75,7 +75,7 @@ def test_a_case_without_a_check_against_the_truth_is_refused_without_fenicsx() -
     own = tuple(spec for spec in case.checks if spec.against != "truth")
     case = dataclasses.replace(case, spec=case.spec.model_copy(update={"check": own}))
     with pytest.raises(MissingReferenceError, match="FEniCSx"):
-        judge_case(case.near_tools(EDGE), candidate=SMOOTHED)
+        judge(case.near_tools(EDGE), candidate=SMOOTHED)
 
 
 @pytest.mark.dolfinx
