@@ -154,23 +154,19 @@ def change_palpate(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(makers, "palpate_hash", lambda: "another")
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        (change_module, "adapters"),
-        (change_variable, "variables"),
-        (change_import_path, "modules"),
-        (change_linked_sources, "modules"),
-        (change_system, "packages of the system"),
-        (change_package, "numpy"),
-        (change_palpate, "palpate"),
-    ],
-)
+CHANGES = {
+    change_module: "adapters",
+    change_variable: "variables",
+    change_import_path: "modules",
+    change_linked_sources: "modules",
+    change_system: "packages of the system",
+    change_package: "numpy",
+    change_palpate: "palpate",
+}
+
+
 def test_where_what_made_it_has_changed_it_is_run_again_with_a_reason(
-    bench: Bench,
-    monkeypatch: pytest.MonkeyPatch,
-    change: Callable[[Bench, pytest.MonkeyPatch], None],
-    named: str,
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library = bench.folder / "lib"
     library.mkdir()
@@ -183,11 +179,12 @@ def test_where_what_made_it_has_changed_it_is_run_again_with_a_reason(
     assert bench.runs(ADAPTED) == 1
     makers._installed.cache_clear()
     assert bench.runs(ADAPTED) == 0
-    change(bench, monkeypatch)
-    getattr(makers._installed, "cache_clear", lambda: None)()
-    assert bench.runs(ADAPTED) == 1
-    (reason,) = (line for line in bench.lines if "made again" in line)
-    assert f" {named} changed since" in reason
+    for change, named in CHANGES.items():  # one after another
+        change(bench, monkeypatch)
+        getattr(makers._installed, "cache_clear", lambda: None)()
+        assert bench.runs(ADAPTED) == 1, named
+        (reason,) = (line for line in bench.lines if "made again" in line)
+        assert f" {named} changed since" in reason
     assert bench.runs(ADAPTED) == 0
 
 
@@ -277,18 +274,14 @@ def cut_off(file: Path) -> None:
     file.write_text(file.read_text("utf-8")[:100], "utf-8")
 
 
-@pytest.mark.parametrize(
-    "perturb", [perturb_numbers, perturb_status, perturb_maker, remove_numbers, cut_off]
-)
-def test_a_cached_run_whose_content_has_not_its_hash_is_run_again(
-    bench: Bench, perturb: Callable[[Path], None]
-) -> None:
+def test_a_cached_run_whose_content_has_not_its_hash_is_run_again(bench: Bench) -> None:
     assert bench.runs(ADAPTED) == 1
-    (file,) = bench.cache.glob("adapted-*.json")
-    perturb(file)
-    assert bench.distance(ADAPTED) < 1e-6
-    assert bench.calls.read_text() == "x"
-    assert any("made again; the cached result" in line for line in bench.lines)
+    for perturb in (perturb_numbers, perturb_status, perturb_maker, remove_numbers, cut_off):
+        (file,) = bench.cache.glob("adapted-*.json")
+        perturb(file)
+        assert bench.distance(ADAPTED) < 1e-6
+        assert bench.calls.read_text() == "x", perturb
+        assert any("made again; the cached result" in line for line in bench.lines)
     assert bench.runs(ADAPTED) == 0
 
 
