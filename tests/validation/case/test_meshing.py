@@ -311,7 +311,7 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     assert done.exit_code == 0
     assert "volume [mm3]" in done.output
     # What is refused may be wrapped, and what is repaired as well.
-    wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "1", "--force"])
+    wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "4", "--force"])
     assert wrapped.exit_code == 0
     assert "wrapped as given, since no repair succeeded: the repair goes too far" in wrapped.output
     assert " m," not in said

@@ -128,7 +128,7 @@ SOLUTIONS = {
     "positions sent, beam": ("beam", sent("beam", as_positions)),
     "positions sent, cantilever": ("cantilever", sent("cantilever", as_positions)),
     "positions sent, motion": ("block-motion", sent("block-motion", as_positions)),
-    "displacements sent": ("beam", sent("beam", as_displacements)),
+    "displacements sent": ("block", sent("block", as_displacements)),
     "Newton": ("confined", sending(newton_in_single)),
     "own steps": ("block-motion", sending(steps_in_single)),
     "fastsim's steps": ("block-motion", sending(fastsim_in_single)),

@@ -346,12 +346,12 @@ def test_the_reference_is_solved_beside_where_asked_and_agrees(
 ) -> None:
     folder = tmp_path / "out"
     done = palpate(
-        "sweep", write_case(), "--vary", "load[0].factor=0.5,1", "--with", "reference",
+        "sweep", write_case(), "--vary", "load[0].factor=0.5", "--with", "reference",
         "--element", "both", "-o", folder,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "passed: fastsim and the reference agree" in done.stdout
-    assert "over 8 pairs" in done.stdout
+    assert "over 4 pairs" in done.stdout
     found = {(r["simulator"], r["element"]) for r in rows_of(folder)}
     both = (Simulator.FASTSIM, Simulator.REFERENCE)
     assert found == {(who, str(element)) for who in both for element in Element}
