@@ -37,13 +37,14 @@ OUTPUTS = {
 
 @contextmanager
 def small_files(most: int) -> Iterator[None]:
-    """Files may not have more bytes: as on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """Files may not have more bytes: as on a full disk. No bytecode, which would be cut off."""
+    before, sys.dont_write_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), True
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = False
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits the size of files")
@@ -51,18 +52,12 @@ def small_files(most: int) -> Iterator[None]:
 @pytest.mark.filterwarnings("ignore:.*ZipFile.__del__:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_a_full_disk_is_one_line_and_what_was_there_stays(
-    palpate_run: Run,
-    tmp_path: Path,
-    write_case: Callable[..., Path],
-    monkeypatch: pytest.MonkeyPatch,
-    output: str,
+    palpate_run: Run, tmp_path: Path, write_case: Callable[..., Path], output: str
 ) -> None:
     write_case()
     path, old = tmp_path / output, b"" if output != "schema.json" else b'{"palpate": "0"}'
     if old:
         path.write_bytes(old)
-    # Scratch files are not limited where none are made; bytecode would be.
-    monkeypatch.setattr("sys.dont_write_bytecode", True)
     with small_files(500):
         done = palpate_run(*OUTPUTS[output].split(), folder=tmp_path)
     assert done.returncode == 2, done.stderr

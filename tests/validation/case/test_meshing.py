@@ -309,8 +309,12 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     arguments = ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"]
     done = RUN.invoke(app, [*arguments, "--repair-distance", enough])
     assert done.exit_code == 0
+    assert "cut each other" in done.output
     assert "volume [mm3]" in done.output
     # What is refused may be wrapped, and what is repaired as well.
+    wrapped = RUN.invoke(app, [*arguments[:-1], "--wrap", "4"])
+    assert wrapped.exit_code == 0
+    assert "wrapped by" in wrapped.output
     wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "4", "--force"])
     assert wrapped.exit_code == 0
     assert "wrapped as given, since no repair succeeded: the repair goes too far" in wrapped.output

@@ -125,7 +125,6 @@ def fastsim_in_single(problem, strain):
 
 SOLUTIONS = {
     "positions sent, block": ("block", sent("block", as_positions)),
-    "positions sent, beam": ("beam", sent("beam", as_positions)),
     "positions sent, cantilever": ("cantilever", sent("cantilever", as_positions)),
     "positions sent, motion": ("block-motion", sent("block-motion", as_positions)),
     "displacements sent": ("block", sent("block", as_displacements)),
