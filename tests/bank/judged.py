@@ -22,10 +22,10 @@ from palpate.validation.states import State, Trajectory, Verdict, in_silence
 GREEN, LINEAR = Strain.GREEN, Strain.LINEAR
 
 
-def large_by_night(names: Iterable[str]) -> list[Any]:
+def large_by_night(names: Iterable[str], *large: str) -> list[Any]:
     """Names of built-in cases as parameters of a test, of which large ones run at night alone."""
-    large = pytest.param("silicone-bar", marks=pytest.mark.nightly)
-    return [large if name == "silicone-bar" else name for name in names]
+    night, large = pytest.mark.nightly, large or ("silicone-bar",)
+    return [pytest.param(name, marks=night) if name in large else name for name in names]
 
 
 @cache
