@@ -22,10 +22,10 @@ from palpate.validation.states import State, Trajectory, Verdict, in_silence
 GREEN, LINEAR = Strain.GREEN, Strain.LINEAR
 
 
-def large_by_night(names: Iterable[str]) -> list[Any]:
+def large_by_night(names: Iterable[str], *large: str) -> list[Any]:
     """Names of built-in cases as parameters of a test, of which large ones run at night alone."""
-    large = pytest.param("silicone-bar", marks=pytest.mark.nightly)
-    return [large if name == "silicone-bar" else name for name in names]
+    night, large = pytest.mark.nightly, large or ("silicone-bar",)
+    return [pytest.param(name, marks=night) if name in large else name for name in names]
 
 
 @cache
@@ -68,12 +68,17 @@ def sending(make, **options) -> Candidate:
     return Candidate("mine", solve, element=options.get("element", Element.LINEAR))
 
 
+def judge(case: Case, **options) -> CaseResult:
+    """Verdicts alone: what explains a result that fails is not looked for unless asked."""
+    return judge_case(case, **({"diagnoses": False} | options))
+
+
 def judged_by(references: ReferenceSet, monkeypatch, case: Case, **options) -> CaseResult:
     """A case judged by these references, instead of those that are stored."""
     monkeypatch.setattr(
         "palpate.validation.judging.judge.find_references", lambda *_a, **_k: references
     )
-    return judge_case(case, **options)
+    return judge(case, **options)
 
 
 def on_same_mesh(result: CaseResult) -> list[CheckResult]:

@@ -96,7 +96,7 @@ def test_trajectory_is_that_of_the_explicit_reference(law: Law, element: Element
         for law in FINITE
         for element in Element
         for name, marks in (
-            ("kidney", pytest.mark.nightly if element is Element.SMOOTHED else pytest.mark.slow),
+            ("kidney", pytest.mark.nightly),
             ("beam", pytest.mark.nightly if element is Element.SMOOTHED else pytest.mark.slow),
             ("block", pytest.mark.nightly if law in _LIKE_ANOTHER else ()),
         )

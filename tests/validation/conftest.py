@@ -19,6 +19,28 @@ from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
+from palpate.validation.references import stored
+from palpate.validation.references.reference_set import ReferenceSet
+
+BUILT_IN = stored.references_folder()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _built_in_references_are_checked_once() -> Iterator[None]:
+    """What is stored for the built-in cases, which no test changes, is read and checked once."""
+    checked, found = stored.load_checked, {}
+
+    def load(path: Path, name: str, problem: Problem, *more: Any, **options: Any) -> ReferenceSet:
+        if path.parent != BUILT_IN or not path.is_file():
+            return checked(path, name, problem, *more, **options)
+        key = (path, stored.problem_key(problem), *more, *options.items())
+        if key not in found:
+            found[key] = checked(path, name, problem, *more, **options)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stored, "load_checked", load)
+        yield
 
 
 @pytest.fixture

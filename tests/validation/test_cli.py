@@ -166,30 +166,6 @@ def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(
         assert area / 2 > np.pi / 4 * width.prod()
 
 
-def test_a_surface_that_cuts_itself_is_repaired_within_a_distance_that_is_said(
-    palpate_run: Run, tmp_path: Path
-) -> None:
-    kidney = shape_kidney(edge_length=12e-3)
-    points = kidney.points.copy()
-    top = int(np.argmax(points[:, 2]))
-    # The tip changes places with a point two edges away.
-    other = np.argsort(np.linalg.norm(points - points[top], axis=1))[8]
-    points[[top, other]] = points[[other, top]]
-    write_surface(tmp_path / "bad.off", TriSurface(points, kidney.facets))
-    command = ("mesh", "bad.off", "-o", "k.vtu", "--unit", "m")
-    near = palpate_run(*command, "--repair", "--repair-distance", 1e-5, folder=tmp_path)
-    assert near.returncode == 2
-    assert "a repair distance of " in near.stderr
-    done = palpate_run(*command, "--repair", "--repair-distance", 0.03, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "cut each other" in done.stderr
-    wrapped = palpate_run(*command, "--wrap", 8e-3, folder=tmp_path)
-    assert wrapped.returncode == 0, wrapped.stderr
-    assert "wrapped by" in wrapped.stderr
-    both = palpate_run(*command, "--wrap", 8e-3, "--repair", "--force", folder=tmp_path)
-    assert both.returncode == 0, both.stderr
-
-
 def test_mesh_graded_towards_a_point(palpate_run: Run, tmp_path: Path) -> None:
     command = ("mesh", "kidney", "-o", "k.vtu", "--size", 12)
     pole = ("--grade-to", 0, 0, 70, "--smallest", 1.5)
@@ -258,7 +234,6 @@ def test_help_lists_every_study_and_every_fault_with_a_line(palpate_run: Run) ->
     [
         ("ga", {"gate"}),
         ("gate block", {"block", "block-fine", "block-motion"}),
-        ("export cant", {"cantilever"}),
         ("study k", {"kidney"}),
     ],
 )
@@ -335,7 +310,7 @@ def test_report_of_ones_own_surface_from_another_folder(
         ("[1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0]", "[0, 0, 0.03], normal = [0, 0, 1]"),
         ("force = [60.0, 20.0, -10.0]", "force = [0.04, 0.02, 0.12]"),
     )
-    path.write_text(path.read_text("utf-8") + "\n[truth]\nminutes = 0.1\n", "utf-8")
+    path.write_text(path.read_text("utf-8") + "\n[truth]\nminutes = 0.02\n", "utf-8")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     done = palpate_run("report", path, "-o", "out", folder=elsewhere)

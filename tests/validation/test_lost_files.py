@@ -7,7 +7,8 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -34,30 +35,31 @@ OUTPUTS = {
 }
 
 
-def small_files(most: int) -> Callable[[], None]:
-    """Files of this process may not have more bytes: as on a full disk."""
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+@contextmanager
+def small_files(most: int) -> Iterator[None]:
+    """Files may not have more bytes: as on a full disk. No bytecode, which would be cut off."""
+    before, sys.dont_write_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), True
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = False
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits the size of files")
+# NumPy's archive is closed by the collector once more, which reports to nobody.
+@pytest.mark.filterwarnings("ignore:.*ZipFile.__del__:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_a_full_disk_is_one_line_and_what_was_there_stays(
-    tmp_path: Path, write_case: Callable[..., Path], output: str
+    palpate_run: Run, tmp_path: Path, write_case: Callable[..., Path], output: str
 ) -> None:
     write_case()
     path, old = tmp_path / output, b"" if output != "schema.json" else b'{"palpate": "0"}'
     if old:
         path.write_bytes(old)
-    done = subprocess.run(
-        [*PALPATE, *OUTPUTS[output].split()],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=small_files(500),
-        # Scratch files are not limited where none are made; bytecode would be.
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-    )
+    with small_files(500):
+        done = palpate_run(*OUTPUTS[output].split(), folder=tmp_path)
     assert done.returncode == 2, done.stderr
     assert done.stderr.splitlines()[-1] == f"palpate: {output}: File too large"
     assert "Traceback" not in done.stderr
@@ -177,7 +179,7 @@ def test_names_that_differ_in_capitals_alone_would_share_files(
         load_cases([str(tmp_path / "block.toml"), str(tmp_path / "BLOCK.toml")])
 
 
-@pytest.mark.parametrize("words", [["cases"], ["gate", "block"], ["report", "block", "-o", "x"]])
+@pytest.mark.parametrize("words", [["cases"], ["gate", "block"]])
 def test_a_working_folder_that_was_removed_is_an_error_before_anything_is_solved(
     tmp_path: Path, words: list[str]
 ) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import json
+import os
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +15,10 @@ import pytest
 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
+from palpate.validation.case import builtin_folder
 from palpate.validation.peers.bench import bench_json
 from palpate.validation.quoting import for_json, texts_for_json, without_folders
+from palpate.validation.references.stored import references_folder
 
 Run = Callable[..., CompletedProcess[str]]
 # It writes a result, and says where everything is; with a third word it fails, saying the same.
@@ -42,6 +46,10 @@ def folder(
     write_case(('shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5', 'mesh = "body.vtu"'))
     (tmp_path / "sim.py").write_text(SIMULATOR, encoding="utf-8")
     (tmp_path / "home of mine").mkdir()
+    # What others cache at home, fonts and forms, takes long to make anew.
+    monkeypatch.setenv(
+        "XDG_CACHE_HOME", os.environ.get("XDG_CACHE_HOME") or f"{Path.home()}/.cache"
+    )
     monkeypatch.setenv("HOME", str(tmp_path / "home of mine"))
     return tmp_path
 
@@ -70,10 +78,13 @@ def test_outputs_of_a_gate(palpate_run: Run, folder: Path, more: str, where: str
     assert "sim" in (folder / "r.json").read_text(encoding="utf-8")
 
 
-@pytest.mark.dolfinx
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_report(palpate_run: Run, folder: Path) -> None:
     program = f"{sys.executable} {folder / 'sim.py'} {{case}} {{result}}"
+    for file in ("block.toml", "block.vtu"):
+        shutil.copy(builtin_folder() / file, folder)
+    (folder / "references").mkdir()
+    shutil.copy(references_folder() / "block.npz", folder / "references")
     words = ("report", folder / "block.toml", "-o", folder / "out", "--simulator", program)
     assert palpate_run(*words, folder=folder).returncode == 1
     files = [file for file in (folder / "out").rglob("*") if file.is_file()]

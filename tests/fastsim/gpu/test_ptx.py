@@ -130,7 +130,9 @@ def _plain(name: str) -> str:
 
 
 # Ampere, Hopper and Blackwell.
-@pytest.mark.parametrize("architecture", [80, 90, 100])
+@pytest.mark.parametrize(
+    "architecture", [90, *(pytest.param(each, marks=pytest.mark.nightly) for each in (80, 100))]
+)
 @pytest.mark.parametrize("topic", TOPICS)
 def test_single_precision_computes_in_single_precision(
     topic: str, architecture: int, tmp_path: Path

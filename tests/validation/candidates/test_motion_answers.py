@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from judged import case_of, judge
 from numpy.typing import NDArray
 
 from palpate.fastsim.dynamics import DynamicResult, simulate
@@ -17,20 +18,13 @@ from palpate.meshes.problem import Element
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.candidates.result_states import state_of_result
-from palpate.validation.case import Case, load_case
 from palpate.validation.exchange.result_files import ResultFileError, read_result
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics import most_inverted, smallest_det_f
 from palpate.validation.states import State, Verdict
 
 MOTIONS = ("block-motion", "slide", "wave", "decay", "csm3")
 Field = NDArray[np.float64]
-
-
-@functools.cache
-def case_of(name: str) -> Case:
-    return load_case(name)
 
 
 @functools.cache
@@ -69,7 +63,7 @@ def write(folder: Path, name: str, times: Field, states: Field, **more: Any) -> 
 
 def judged(folder: Path, name: str, times: Field, states: Field) -> CaseResult:
     path = write(folder, name, times, states)
-    return judge_case(case_of(name), candidate=result_candidate(path))
+    return judge(case_of(name), candidate=result_candidate(path))
 
 
 def state_of(path: Path, name: str) -> State:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from case_texts import FORCE, LIQUID, MOMENT, PARABOLA, VALUES
+from judged import judge
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -24,7 +25,6 @@ from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis.static_hypotheses import StaticResult, load_hypotheses
 from palpate.validation.exchange.nodal_arrays import nodal_force
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.body import Body
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import describe_case
@@ -259,7 +259,7 @@ def healthy(name):
 def reds(name, fault):
     candidate = with_fault(fastsim_candidate(), fault)
     found = {}
-    for check in judge_case(load_case(name), candidate=candidate, diagnoses=False).checks:
+    for check in judge(load_case(name), candidate=candidate).checks:
         if check.verdict is Verdict.FAILED:
             key = check.metric, check.against
             found[key] = found.get(key, 0) + 1

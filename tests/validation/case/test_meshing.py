@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from case_texts import BOX
+from judged import judge
 from typer.testing import CliRunner
 
 import palpate
@@ -26,7 +27,6 @@ from palpate.meshes.tri_surface import (
 from palpate.validation.case import load_case, meshing
 from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.states import Verdict
 
 
@@ -205,7 +205,7 @@ def test_what_does_not_go_with_it_is_refused(write_case, tmp_path):
 @pytest.mark.long
 def test_both_solvers_agree_on_two_materials(write_case, tmp_path):
     case = load_case(case_with_tumour(write_case, tmp_path))
-    result = judge_case(case, live=True)
+    result = judge(case, live=True)
     same = [c for c in result.checks if c.metric == "displacement_l2"]
     assert same
     assert {c.verdict for c in same} == {Verdict.PASSED}
@@ -309,9 +309,13 @@ def test_what_crosses_is_named_by_the_files_numbers_and_what_a_repair_leaves_is_
     arguments = ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"]
     done = RUN.invoke(app, [*arguments, "--repair-distance", enough])
     assert done.exit_code == 0
+    assert "cut each other" in done.output
     assert "volume [mm3]" in done.output
     # What is refused may be wrapped, and what is repaired as well.
-    wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "1", "--force"])
+    wrapped = RUN.invoke(app, [*arguments[:-1], "--wrap", "4"])
+    assert wrapped.exit_code == 0
+    assert "wrapped by" in wrapped.output
+    wrapped = RUN.invoke(app, [*arguments, "--repair-distance", "0.001", "--wrap", "4", "--force"])
     assert wrapped.exit_code == 0
     assert "wrapped as given, since no repair succeeded: the repair goes too far" in wrapped.output
     assert " m," not in said

@@ -119,9 +119,13 @@ def test_signals_are_as_before_afterwards() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [["cases"], ["gate", "block"], ["gate", "block", "--fault", "softer"]]
+    ("words", "stream"),
+    [
+        (["cases"], "both"),
+        (["gate", "block"], "stdout"),
+        (["gate", "block", "--fault", "softer"], "both"),
+    ],
 )
-@pytest.mark.parametrize("stream", ["stdout", "both"])
 def test_a_reader_that_leaves_does_not_change_the_verdict(words: list[str], stream: str) -> None:
     reading, writing = os.pipe()
     os.close(reading)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,7 @@ from palpate.meshes.files import read_result_arrays
 MOVING = palpate.TimeSpan(end_time=0.1, num_outputs=2)
 
 
-def solve_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "palpate.validation.cli", "solve", *map(str, arguments)],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def written(path: Path) -> np.ndarray:
@@ -29,9 +25,11 @@ def written(path: Path) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_relaxation_finds_what_newton_finds_by_many_more_steps(tmp_path: Path) -> None:
+def test_relaxation_finds_what_newton_finds_by_many_more_steps(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     for method in ("newton", "relaxation"):
-        done = solve_cli("block", "--method", method, "-o", tmp_path / f"{method}.vtu")
+        done = palpate_run("solve", "block", "--method", method, "-o", tmp_path / f"{method}.vtu")
         assert done.returncode == 0, done.stderr
     newton, relaxed = written(tmp_path / "newton.vtu"), written(tmp_path / "relaxation.vtu")
     assert np.abs(relaxed - newton).max() < 1e-7 * np.abs(newton).max()
@@ -62,7 +60,9 @@ def test_relaxation_shows_the_forces_on_the_tools() -> None:
 @pytest.mark.dolfinx
 @pytest.mark.long
 @pytest.mark.nightly
-def test_near_incompressibility_the_mixed_formulation_bends_further(tmp_path: Path) -> None:
+def test_near_incompressibility_the_mixed_formulation_bends_further(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     problem = palpate.load_case("block").problem
     stiff = dataclasses.replace(problem, material=palpate.Material(3e4, 0.4999))
     plain = palpate.solve(stiff, with_="reference", degree=2, formulation="displacement")
@@ -70,7 +70,8 @@ def test_near_incompressibility_the_mixed_formulation_bends_further(tmp_path: Pa
     mixed = palpate.solve(stiff, with_="reference", degree=2)
     assert mixed.details["formulation"] == "mixed"
     assert mixed.max_displacement > plain.max_displacement
-    done = solve_cli(
+    done = palpate_run(
+        "solve",
         *("block", "--with", "reference", "--degree", 3, "--formulation", "mixed"),
         *("-o", tmp_path / "u.vtu"),
     )
@@ -78,9 +79,11 @@ def test_near_incompressibility_the_mixed_formulation_bends_further(tmp_path: Pa
 
 
 @pytest.mark.dolfinx
-def test_the_mixed_formulation_of_linear_cells_says_which_degree_it_needs(tmp_path: Path) -> None:
+def test_the_mixed_formulation_of_linear_cells_says_which_degree_it_needs(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     words = ("block", "--with", "reference", "--formulation", "mixed")
-    done = solve_cli(*words, "-o", tmp_path / "u.vtu")
+    done = palpate_run("solve", *words, "-o", tmp_path / "u.vtu")
     assert done.returncode == 2
     assert "degree 2" in done.stderr
 

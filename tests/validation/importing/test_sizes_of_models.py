@@ -54,7 +54,7 @@ def test_surfaces_that_list_a_set_again_and_again_are_refused(tmp_path):
 
 
 def test_node_sets_of_febio_that_list_one_another_do_not_grow(tmp_path):
-    lines = "<node_set>Held</node_set>" * 1_000_000
+    lines = "<node_set>Held</node_set>" * 200_000
     text = bars.febio(version="3.0").replace(
         "</Mesh>", f'<NodeSet name="many">{lines}</NodeSet></Mesh>', 1
     )
@@ -63,7 +63,7 @@ def test_node_sets_of_febio_that_list_one_another_do_not_grow(tmp_path):
 
 
 def test_a_model_of_more_elements_than_are_read_is_refused_at_once(tmp_path):
-    elements = '<elem id="1">1,2</elem>' * 4_900_000
+    elements = '<elem id="1">1,2</elem>' * 2_600_000
     text = bars.febio().replace("</Elements>", elements + "</Elements>", 1)
     path = tmp_path / "m.feb"
     path.write_text(text, encoding="utf-8")
@@ -71,4 +71,4 @@ def test_a_model_of_more_elements_than_are_read_is_refused_at_once(tmp_path):
     words = refusal(IMPORT, path, most_bytes=2e9, seconds=60)
     assert time.process_time() - started < 20
     assert "elements of XML; at most 2500000" in words
-    assert words.startswith("ImportRefusedError m.feb: 49001")  # how many there are
+    assert words.startswith("ImportRefusedError m.feb: 26001")  # how many there are

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from judged import case_of, on_same_mesh
+from judged import case_of, judge, on_same_mesh
 from typer.testing import CliRunner
 
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.cli import app
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.solving import solve
 from palpate.validation.states import Precision, Verdict
@@ -35,8 +34,7 @@ def values_of(result: CaseResult) -> dict[str, tuple[float, Verdict]]:
 def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
     case = case_of("block-motion")
     core, device = (
-        values_of(judge_case(case, candidate=fastsim_candidate(device=name)))
-        for name in ("cpu", WARP)
+        values_of(judge(case, candidate=fastsim_candidate(device=name))) for name in ("cpu", WARP)
     )
     assert core.keys() == device.keys()
     for name, (value, verdict) in core.items():
@@ -51,18 +49,16 @@ def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
 def test_in_single_precision_it_passes_where_that_is_granted() -> None:
     case = case_of("block-motion")
     single = fastsim_candidate(device=WARP, precision=Precision.SINGLE)
-    granted = judge_case(case, candidate=single, precision=Precision.SINGLE)
+    granted = judge(case, candidate=single, precision=Precision.SINGLE)
     found = values_of(granted)
     assert {verdict for _, verdict in found.values()} == {Verdict.PASSED}
     assert max(value for value, _ in found.values()) > 1e-10  # it is single precision
-    softer = judge_case(
-        case, candidate=with_fault(single, Fault.SOFTER), precision=Precision.SINGLE
-    )
+    softer = judge(case, candidate=with_fault(single, Fault.SOFTER), precision=Precision.SINGLE)
     assert Verdict.FAILED in {verdict for _, verdict in values_of(softer).values()}
 
 
 def test_a_static_case_is_relaxed_on_a_device() -> None:
-    result = judge_case(case_of("block"), candidate=fastsim_candidate(device=WARP))
+    result = judge(case_of("block"), candidate=fastsim_candidate(device=WARP))
     assert {verdict for _, verdict in values_of(result).values()} == {Verdict.PASSED}
 
 

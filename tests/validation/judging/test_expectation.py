@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from judged import GREEN, case_of, solved, stored
+from judged import GREEN, case_of, judge, solved, stored
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.field_norms import l2_norm
@@ -20,7 +20,6 @@ from palpate.validation.judging.expectation import (
     unexpected,
     with_results,
 )
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import side_by_side, side_by_side_markdown
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.states import Elements, Verdict
@@ -30,7 +29,7 @@ BOTH = [fastsim_candidate(element=element) for element in Elements.BOTH.each]
 
 @pytest.fixture(scope="module")
 def csm1():
-    return judge_case(case_of("csm1"), candidate=BOTH, diagnoses=False)
+    return judge(case_of("csm1"), candidate=BOTH)
 
 
 def altered(result, verdict, against, changes):
@@ -59,7 +58,7 @@ def test_what_is_found_is_what_is_expected(csm1):
     assert unexpected([csm1], read_expected()) == []
     # The same of an element that is judged alone.
     for candidate in BOTH:
-        alone = judge_case(case_of("csm1"), candidate=candidate, diagnoses=False)
+        alone = judge(case_of("csm1"), candidate=candidate)
         assert unexpected([alone], read_expected()) == []
 
 
@@ -143,7 +142,7 @@ def test_one_table_shows_the_elements_side_by_side(csm1):
     assert rows[0] == wanted
     assert len(rows) == 3
     assert f"| {' | '.join(wanted[:4])} |" in side_by_side_markdown([csm1])
-    assert side_by_side_markdown([judge_case(case_of("block"), diagnoses=False)]) == ""
+    assert side_by_side_markdown([judge(case_of("block"))]) == ""
 
 
 def test_the_block_on_its_mesh_cut_in_eight_is_within_four_per_cent_if_smoothed():

@@ -146,9 +146,9 @@ def test_a_candidate_that_gives_nothing_fails(bar: Case) -> None:
 
 
 def test_the_gate_judges_by_measurements(bar: Case, palpate_run: Callable, tmp_path: Path) -> None:
-    ended = palpate_run(
-        "report", bar.path, "--element", "smoothed", "-o", tmp_path / "out"
-    )  # fmt: skip
+    soon = bar.path.with_name("soon.toml")
+    soon.write_text(bar.text + "\n[truth]\nminutes = 0.02\n", "utf-8")
+    ended = palpate_run("report", soon, "--element", "smoothed", "-o", tmp_path / "out")
     assert ended.returncode in (0, 3), ended.stderr
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "Measured and computed" in page

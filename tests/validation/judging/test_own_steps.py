@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from judged import on_same_mesh
+from judged import on_same_mesh, solved
 from typer.testing import CliRunner
 
 import palpate.validation
@@ -46,6 +46,12 @@ def judged(case: Case, command: str, **stepping: Any) -> tuple[CaseResult, float
     (check,) = on_same_mesh(result)
     assert check.value is not None, check.message
     return result, check.value
+
+
+def sending_file(folder: Path, **arrays: Any) -> str:
+    """The command of a simulator that sends these arrays."""
+    np.savez(folder / "sent.npz", **arrays)
+    return f"sh -c 'cp {folder / 'sent.npz'} $0' {{result}} {{case}}"
 
 
 @pytest.mark.dolfinx
@@ -94,16 +100,10 @@ def test_xpbd_comes_to_it_with_shorter_steps_and_not_with_more_iterations(case: 
 def test_a_result_that_states_nothing_is_judged_by_what_is_asked(
     case: Case, tmp_path: Path
 ) -> None:
-    # The explicit reference's own solution, called so and called another scheme's.
-    own = tmp_path / "own.py"
-    own.write_text(
-        "import sys, palpate, numpy as np\n"
-        f"p = palpate.load_case({str(case.path)!r}).problem\n"
-        "s = palpate.solve(p).trajectory\n"
-        "np.savez(sys.argv[2], displacement=s.displacements, times=s.times)\n",
-        "utf-8",
-    )
-    command = f"{sys.executable} {own} {{case}} {{result}}"
+    # The explicit motion, called so and called another scheme's.
+    motion = solved(case.problem).trajectory
+    assert motion is not None
+    command = sending_file(tmp_path, displacement=motion.displacements, times=motion.times)
     plain, value = judged(case, command)
     assert plain.verdict is Verdict.PASSED
     assert value < 1e-9
@@ -133,24 +133,15 @@ def test_steps_that_do_not_divide_the_outputs_are_judged_at_the_steps(
     assert check.reference_error < 1e-6
     # Who reads straight lines between its steps itself is off by that; the reference's own
     # reading at the outputs is a bar.
-    own = tmp_path / "own.py"
-    own.write_text(
-        "import sys, runpy, numpy as np\n"
-        f"sys.argv = [{str(ADAPTERS / 'vertex_block_descent.py')!r}, *sys.argv[1:]]\n"
-        f"sys.path.insert(0, {str(ADAPTERS)!r})\n"
-        "case, result = sys.argv[1:3]\n"
-        "runpy.run_path(sys.argv[0], run_name='__main__')\n"
-        "with np.load(result) as f: sent = dict(f)\n"
-        f"wanted = np.linspace(0.0, {case.problem.time.end_time}, "
-        f"{case.problem.time.num_outputs + 1})\n"
-        "flat = sent['displacement'].reshape(len(sent['times']), -1)\n"
-        "read = np.array([np.interp(wanted, sent['times'], u) for u in flat.T]).T\n"
-        "sent['displacement'] = read.reshape(len(wanted), -1, 3)\n"
-        "sent['times'] = wanted\n"
-        "np.savez(result, **sent)\n",
-        "utf-8",
-    )
-    command = f"{sys.executable} {own} {{case}} {{result}} {{iterations}}"
+    (candidate,) = (s for s in result.states if not s.is_reference)
+    assert candidate.sent is not None
+    times, states = candidate.sent.times, candidate.sent.displacements
+    assert case.problem.time is not None
+    wanted = np.linspace(0.0, case.problem.time.end_time, case.problem.time.num_outputs + 1)
+    flat = states.reshape(len(times), -1)
+    read = np.array([np.interp(wanted, times, u) for u in flat.T]).T
+    command = sending_file(tmp_path, displacement=read.reshape(-1, *states.shape[1:]), times=wanted)
+    del stepping["iterations"]
     result, value = judged(case, command, **stepping)
     (check,) = on_same_mesh(result)
     assert check.reference_error is not None

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judged import case_of, references_of
+from judged import case_of, judge, references_of
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
@@ -34,7 +34,6 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Verdict
@@ -201,7 +200,7 @@ def test_the_loads_of_confined_stretch_and_shear_are_the_closed_forms() -> None:
 def test_fastsim_meets_the_number_and_faults_do_not(name: str, faults: tuple[Fault, ...]) -> None:
     common = (Fault.LINEAR_INSTEAD_OF_GREEN, Fault.SWAPPED_LAME, Fault.UNIT_ERROR)
     for fault in (Fault.NONE, *common, *faults):
-        result = judge_case(case_of(name), candidate=with_fault(fastsim_candidate(), fault))
+        result = judge(case_of(name), candidate=with_fault(fastsim_candidate(), fault))
         (check,) = (
             c
             for c in result.checks
@@ -258,7 +257,7 @@ def test_mistakes_are_named(tmp_path: Path, old: str, new: str, message: str) ->
     stored = builtin_folder().parent / "references" / "stretch.npz"
     (references / "stretch.npz").write_bytes(stored.read_bytes())
     with pytest.raises(InputError, match=message):
-        judge_case(load_case(tmp_path / "stretch.toml"))
+        judge(load_case(tmp_path / "stretch.toml"))
 
 
 # --------------------------------------------------------------------- the bar of Turek and Hron

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from judged import case_of
+from judged import case_of, judge
 
 from palpate.meshes.errors import FileFormatError
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
 from palpate.validation.judging.run_comparison import RunComparison, compare_runs, read_run
 from palpate.validation.states import ExitCode
@@ -232,7 +231,7 @@ Keys = tuple[str | int, ...]
 @pytest.fixture(scope="module")
 def judged() -> Any:
     """The results.json of a case that was judged."""
-    return json.loads(results_json([judge_case(case_of("block"))], "1"))
+    return json.loads(results_json([judge(case_of("block"))], "1"))
 
 
 def paths(value: Any, keys: Keys = ()) -> Iterator[Keys]:

@@ -13,7 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from judged import GREEN, case_of, failed, judged_by, on_same_mesh, references_of, state_of, stored
+from judged import (
+    GREEN,
+    case_of,
+    failed,
+    judge,
+    judged_by,
+    on_same_mesh,
+    references_of,
+    state_of,
+    stored,
+)
 from numpy.typing import ArrayLike
 
 import palpate
@@ -30,7 +40,6 @@ from palpate.validation.case import Case, load_case
 from palpate.validation.commands.options import near_tool_metres
 from palpate.validation.judging import outputs
 from palpate.validation.judging.case_references import is_to_be_solved
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.judging.run_comparison import compare_runs
 from palpate.validation.references import runs
@@ -98,7 +107,7 @@ def test_stating_coarse_steps_does_not_make_another_motion_right(case: Case) -> 
     path = sent(
         case.path.parent, other.displacements, integrator="backward-euler", time_step=COARSE
     )
-    result = judge_case(case, live=True, candidate=result_candidate(path))
+    result = judge(case, live=True, candidate=result_candidate(path))
     assert result.verdict is Verdict.FAILED
     (check,) = on_same_mesh(result)
     assert check.verdict is Verdict.FAILED
@@ -126,7 +135,7 @@ def test_nothing_moved_fails_whatever_element_it_states(
     without = dataclasses.replace(references, states=states)
     path = sent(tmp_path, 0.0 * stored("block", SAME_MESH).displacement, element="smoothed")
     given = result_candidate(path)
-    result = judged_by(without, monkeypatch, case_of("block"), candidate=given, diagnoses=False)
+    result = judged_by(without, monkeypatch, case_of("block"), candidate=given)
     for check in on_same_mesh(result):
         if check.strain is GREEN:
             assert check.verdict is Verdict.FAILED, check.name

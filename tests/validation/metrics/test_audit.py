@@ -36,7 +36,8 @@ def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Pr
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize(
-    "name", ["block", "ring", "kidney", pytest.param("beam", marks=pytest.mark.nightly)]
+    "name",
+    ["block", "ring", *(pytest.param(n, marks=pytest.mark.nightly) for n in ("kidney", "beam"))],
 )
 @pytest.mark.parametrize(("strain", "element"), EVERY)
 @pytest.mark.long

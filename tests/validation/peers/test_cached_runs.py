@@ -120,26 +120,6 @@ def test_a_cached_run_is_used_where_it_is_asked_for_and_is_shown_with_its_date(
     assert "Cached" not in (tmp_path / "index.html").read_text("utf-8")
 
 
-def change_module(bench: Bench, _: pytest.MonkeyPatch) -> None:
-    bench.write_factor(1.01)
-
-
-def change_variable(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-
-
-def change_import_path(bench: Bench, _: pytest.MonkeyPatch) -> None:
-    (bench.folder / "lib" / "solver.py").write_text("GRAVITY = 1.6\n", "utf-8")
-
-
-def change_linked_sources(bench: Bench, _: pytest.MonkeyPatch) -> None:
-    (bench.folder / "sources" / "law.py").write_text("NU = 0.499\n", "utf-8")
-
-
-def change_system(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(makers, "system_packages", lambda: {"packages of the system": "other"})
-
-
 def change_package(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     installed = makers._installed
 
@@ -150,27 +130,25 @@ def change_package(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(makers, "_installed", other)
 
 
-def change_palpate(_: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(makers, "palpate_hash", lambda: "another")
+# What is changed, and the name that it has in the reason.
+CHANGES: list[tuple[str, Callable[[Bench, pytest.MonkeyPatch], object]]] = [
+    ("adapters", lambda bench, _: bench.write_factor(1.01)),
+    ("variables", lambda _, patch: patch.setenv("OMP_NUM_THREADS", "7")),
+    ("modules", lambda bench, _: (bench.folder / "lib/solver.py").write_text("GRAVITY = 1.6\n")),
+    ("modules", lambda bench, _: (bench.folder / "sources/law.py").write_text("NU = 0.499\n")),
+    (
+        "packages of the system",
+        lambda _, patch: patch.setattr(
+            makers, "system_packages", lambda: {"packages of the system": "other"}
+        ),
+    ),
+    ("numpy", change_package),
+    ("palpate", lambda _, patch: patch.setattr(makers, "palpate_hash", lambda: "another")),
+]
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        (change_module, "adapters"),
-        (change_variable, "variables"),
-        (change_import_path, "modules"),
-        (change_linked_sources, "modules"),
-        (change_system, "packages of the system"),
-        (change_package, "numpy"),
-        (change_palpate, "palpate"),
-    ],
-)
 def test_where_what_made_it_has_changed_it_is_run_again_with_a_reason(
-    bench: Bench,
-    monkeypatch: pytest.MonkeyPatch,
-    change: Callable[[Bench, pytest.MonkeyPatch], None],
-    named: str,
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library = bench.folder / "lib"
     library.mkdir()
@@ -183,11 +161,12 @@ def test_where_what_made_it_has_changed_it_is_run_again_with_a_reason(
     assert bench.runs(ADAPTED) == 1
     makers._installed.cache_clear()
     assert bench.runs(ADAPTED) == 0
-    change(bench, monkeypatch)
-    getattr(makers._installed, "cache_clear", lambda: None)()
-    assert bench.runs(ADAPTED) == 1
-    (reason,) = (line for line in bench.lines if "made again" in line)
-    assert f" {named} changed since" in reason
+    for named, change in CHANGES:  # one after another
+        change(bench, monkeypatch)
+        getattr(makers._installed, "cache_clear", lambda: None)()
+        assert bench.runs(ADAPTED) == 1, named
+        (reason,) = (line for line in bench.lines if "made again" in line)
+        assert f" {named} changed since" in reason
     assert bench.runs(ADAPTED) == 0
 
 
@@ -259,36 +238,29 @@ def perturb_numbers(file: Path) -> None:
     )
 
 
-def perturb_status(file: Path) -> None:
-    file.write_text(file.read_text("utf-8").replace('"answered"', '"failed"'), "utf-8")
-
-
 def perturb_maker(file: Path) -> None:
     document = json.loads(file.read_text("utf-8"))
     document["made_by"]["palpate"] = "what is here now"
     file.write_text(json.dumps(document), "utf-8")
 
 
-def remove_numbers(file: Path) -> None:
-    file.with_suffix(".npz").unlink()
+PERTURBED: dict[str, Callable[[Path], object]] = {
+    "numbers": perturb_numbers,
+    "status": lambda file: file.write_text(file.read_text().replace('"answered"', '"failed"')),
+    "maker": perturb_maker,
+    "no numbers": lambda file: file.with_suffix(".npz").unlink(),
+    "cut off": lambda file: file.write_text(file.read_text()[:100]),
+}
 
 
-def cut_off(file: Path) -> None:
-    file.write_text(file.read_text("utf-8")[:100], "utf-8")
-
-
-@pytest.mark.parametrize(
-    "perturb", [perturb_numbers, perturb_status, perturb_maker, remove_numbers, cut_off]
-)
-def test_a_cached_run_whose_content_has_not_its_hash_is_run_again(
-    bench: Bench, perturb: Callable[[Path], None]
-) -> None:
+def test_a_cached_run_whose_content_has_not_its_hash_is_run_again(bench: Bench) -> None:
     assert bench.runs(ADAPTED) == 1
-    (file,) = bench.cache.glob("adapted-*.json")
-    perturb(file)
-    assert bench.distance(ADAPTED) < 1e-6
-    assert bench.calls.read_text() == "x"
-    assert any("made again; the cached result" in line for line in bench.lines)
+    for about, perturb in PERTURBED.items():
+        (file,) = bench.cache.glob("adapted-*.json")
+        perturb(file)
+        assert bench.distance(ADAPTED) < 1e-6
+        assert bench.calls.read_text() == "x", about
+        assert any("made again; the cached result" in line for line in bench.lines)
     assert bench.runs(ADAPTED) == 0
 
 

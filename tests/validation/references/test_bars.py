@@ -7,10 +7,10 @@ import json
 import math
 
 import pytest
+from judged import judge
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
 from palpate.validation.references.bars import (
     PARTS,
@@ -108,7 +108,7 @@ def test_parts_are_kept_in_the_file_and_reported_in_the_verdict(block, tmp_path,
     again, _ = read_reference(path)
     assert again.bar_parts(*PLACE) == parts
     monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
-    result = judge_case(case, diagnoses=False)
+    result = judge(case)
     (check,) = (c for c in result.checks if c.metric == "displacement_l2" and c.against == "truth")
     # The bar is what it was: geometry stands beside it, in words.
     assert check.reference_error == bar

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bank import made_state
+from judged import judge
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
@@ -19,7 +20,6 @@ from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import measure
 from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions
@@ -94,7 +94,7 @@ def test_the_numbers_of_the_wave_cases_are_the_closed_forms() -> None:
 )
 @pytest.mark.long
 def test_faults_of_motion_are_seen_without_the_twin(name: str, fault: Fault, metric: str) -> None:
-    result = judge_case(load_case(name), candidate=with_fault(fastsim_candidate(), fault))
+    result = judge(load_case(name), candidate=with_fault(fastsim_candidate(), fault))
     failed = [c for c in result.checks if c.verdict is Verdict.FAILED and c.against != "same_mesh"]
     assert metric in {check.metric for check in failed}
 
@@ -142,7 +142,7 @@ def test_a_candidate_with_steps_of_its_own_is_judged_by_the_truth(tmp_path: Path
     run = simulate(dataclasses.replace(case.problem, time=own), strain=case.strain)
     path = tmp_path / "result.npz"
     np.savez(path, displacement=run.displacements, times=run.times)
-    result = judge_case(case, candidate=result_candidate(path))
+    result = judge(case, candidate=result_candidate(path))
     by_kind = {(c.metric, c.against): c.verdict for c in result.checks}
     assert by_kind["trajectory_l2", "truth"] is Verdict.PASSED
     assert by_kind["oscillation_frequency", "truth"] is Verdict.PASSED

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judged import references_of
+from judged import judge, references_of
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -20,7 +20,6 @@ from palpate.reference.errors import (
 )
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_references import find_references
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.numbers import Number
 from palpate.validation.references import solved_again, statics
 from palpate.validation.references.adaptive_truth import TruthRequest
@@ -97,7 +96,7 @@ def test_the_result_says_that_there_is_no_equilibrium_to_compare_with(
 
     fake_solves(monkeypatch, LOST)
     monkeypatch.setattr(availability, "is_available", lambda: True)
-    result = judge_case(load_case(str(write_case())), live=True)
+    result = judge(load_case(str(write_case())), live=True)
     assert result.verdict is Verdict.INCONCLUSIVE
     assert any("not tried" in note and "0.504" in note for note in result.notes)
     assert any("0.504 of the load" in check.message for check in result.checks)
@@ -125,7 +124,7 @@ def test_a_case_without_any_reference_says_what_to_do(
 
     monkeypatch.setattr(availability, "is_available", lambda: False)
     with pytest.raises(InputError, match="no reference is stored") as caught:
-        judge_case(load_case(str(write_case())), live=live)
+        judge(load_case(str(write_case())), live=live)
     assert words in str(caught.value)
 
 

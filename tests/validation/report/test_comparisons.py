@@ -8,12 +8,12 @@ import re
 
 import numpy as np
 import pytest
+from judged import judge
 
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
-from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.case_plots import motion_svg
 from palpate.validation.report.comparisons import colours_of, comparisons_of, way_to_eye
@@ -29,7 +29,7 @@ BOTH = [fastsim_candidate(element=element) for element in Element]
 
 @pytest.fixture(scope="module")
 def motion() -> CaseResult:
-    return judge_case(load_case("block-motion"), candidate=BOTH, diagnoses=False)
+    return judge(load_case("block-motion"), candidate=BOTH)
 
 
 def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(both: CaseResult) -> None:
@@ -88,7 +88,7 @@ def test_lines_of_two_candidates_have_colours_of_their_own(motion: CaseResult) -
 
 
 def test_a_candidate_alone_looks_as_ever() -> None:
-    alone = judge_case(load_case("block-motion"), diagnoses=False)
+    alone = judge(load_case("block-motion"))
     assert colours_of(alone) == {"fastsim": BLUE}
     svg = motion_svg(alone)
     assert {BLUE, OCHRE} <= lines_of(svg)

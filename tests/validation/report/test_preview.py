@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,14 +28,8 @@ from palpate.validation.report.loads_and_tools import inclusions_of, resultant_o
 from palpate.validation.report.pictures import draw_case
 from palpate.validation.report.preview import describe_case
 
+Run = Callable[..., subprocess.CompletedProcess[str]]
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -226,10 +219,12 @@ def test_unknowns_and_steps_are_counted() -> None:
     assert "linear strain moves it" not in lines
 
 
-def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) -> None:
+def test_a_case_that_looks_right_has_its_numbers_and_no_warning(
+    palpate_run: Run, tmp_path: Path
+) -> None:
     path = tmp_path / "my.toml"
-    assert palpate("init", "-o", path).returncode == 0
-    done = palpate("check", path)
+    assert palpate_run("init", "-o", path).returncode == 0
+    done = palpate_run("check", path)
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stdout
     for wanted in ("60 x 20 x 20 mm", "5 % of its size", "critical time step", "unknowns", "GB"):
@@ -265,15 +260,15 @@ def test_a_case_in_which_nothing_acts_or_is_checked_is_reported() -> None:
 
 
 def test_bad_input_is_two_and_nothing_is_written(
-    tmp_path: Path, write_case: Callable[..., Path]
+    palpate_run: Run, tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
     bad = write_case(("poissons_ratio = 0.3", "poissons_ratio = 0.7"))
-    done = palpate("check", bad, "--picture", tmp_path / "case.png")
+    done = palpate_run("check", bad, "--picture", tmp_path / "case.png")
     assert done.returncode == 2
     assert "poissons_ratio = 0.7" in done.stderr
     assert not (tmp_path / "case.png").exists()
-    assert palpate("check", "block", "--picture", tmp_path / "case.pdf").returncode == 2
-    assert palpate("check", bad, "--picture", bad).returncode == 2
+    assert palpate_run("check", "block", "--picture", tmp_path / "case.pdf").returncode == 2
+    assert palpate_run("check", bad, "--picture", bad).returncode == 2
 
 
 @pytest.mark.parametrize("name", ["block", "slide"])
