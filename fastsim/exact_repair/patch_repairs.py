@@ -18,6 +18,9 @@ Mask = NDArray[np.bool_]
 _MOST_RINGS = 6
 # Pulling apart: steps of this part of the mean edge, and as many at most.
 _STEP, _MOST_STEPS = 0.1, 40
+# Pushing back: steps of this part of the mean edge, and as many at most; passes over what follows.
+_PUSH, _MOST_PUSHES, _FOLLOWS = 0.04, 60, 20
+_TINY = np.finfo(float).tiny
 # Steps without fewer crossings before it gives up.
 _PATIENCE = 6
 # Fraction of a point's displacement that each further ring around it follows.
@@ -109,6 +112,84 @@ def pulled_apart(
         if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
             return None
     return None
+
+def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> Attempt | None:
+    """What pierces a facet pushed back through it, step by step, and the facet the other way.
+
+    Of each edge that pierces a facet the end nearer to the facet's plane moves along the facet's
+    normal; what crossing facets cut off from the rest follows the points around it. Both sheets
+    move by half of what they are in each other, and no point further than `most` [m].
+    """
+    points, facets = part.points, part.facets
+    step = _PUSH * float(side_lengths(points[facets[rows]]).mean())
+    edges = edges_of(facets)
+    moved, counts = points.copy(), list[int]()
+    pairs = crossings_of(moved, facets, rows)
+    for _ in range(_MOST_PUSHES):
+        push = _pushes(moved, facets, pairs)
+        is_bad = np.zeros(len(facets), dtype=bool)
+        is_bad[pairs] = True
+        size = np.linalg.norm(push, axis=1)
+        is_pushed = size > 0.0
+        push[is_pushed] *= (step / size[is_pushed])[:, None]
+        island = np.unique(facets[with_enclosed(facets, is_bad)])
+        push = _followed(push, is_pushed, np.setdiff1d(island, np.flatnonzero(is_pushed)), edges)
+        moved = moved + push
+        shift = np.linalg.norm(moved - points, axis=1)
+        if shift.max() > most or shift[part.is_fixed].any():
+            return None
+        changed = (shift > 0.0)[facets].any(axis=1)
+        changed[rows] = True
+        if np.count_nonzero(changed) > part.most_facets:
+            return None
+        pairs = crossings_of(moved, facets, changed)
+        if not len(pairs) and is_clean(moved, facets, changed):
+            return Attempt(moved, facets, np.arange(len(facets)))
+        counts.append(len(pairs))
+        if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
+            return None
+    return None
+
+
+def _pushes(points: Points, facets: Indices, pairs: NDArray[np.int64]) -> Points:
+    """Sum of unit pushes at each point, of pairs of facets of which edges pierce the other."""
+    push = np.zeros_like(points)
+    for one, other in (pairs.T, pairs.T[::-1]):
+        corners = points[facets[other]]
+        normals = facet_normals(corners)
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1), _TINY)[:, None]
+        for k in range(3):
+            first, second = facets[one, k], facets[one, (k + 1) % 3]
+            height, top = (
+                np.einsum("ij,ij->i", points[p] - corners[:, 0], normals) for p in (first, second)
+            )
+            along = points[second] - points[first]
+            part = height / np.where(height == top, 1.0, height - top)
+            at = points[first] + part[:, None] * along
+            sides = np.roll(corners, -1, axis=1) - corners
+            turns = np.einsum("fij,fj->fi", np.cross(sides, at[:, None] - corners), normals)
+            pierces = (height * top < 0.0) & (turns.min(axis=1) >= 0.0)
+            is_first = np.abs(height) <= np.abs(top)
+            end = np.where(is_first, first, second)
+            sign = -np.sign(np.where(is_first, height, top)) * pierces
+            np.add.at(push, end, sign[:, None] * normals)
+            for corner in range(3):
+                np.add.at(push, facets[other, corner], -sign[:, None] * normals)
+    return push
+
+
+def _followed(push: Points, is_given: Mask, free: NDArray[np.int64], edges: Indices) -> Points:
+    """Pushes of free points: the mean of those of the points around, and so of theirs."""
+    takes = is_given.copy()
+    takes[free] = True
+    both = np.vstack([edges, edges[:, ::-1]])
+    both = both[np.isin(both[:, 0], free) & takes[both[:, 1]]]
+    valence = np.maximum(np.bincount(both[:, 0], minlength=len(push)), 1)
+    for _ in range(_FOLLOWS):
+        mean = np.zeros_like(push)
+        np.add.at(mean, both[:, 0], push[both[:, 1]])
+        push[free] = (mean / valence[:, None])[free]
+    return push
 
 
 def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:

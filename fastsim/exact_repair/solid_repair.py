@@ -27,6 +27,7 @@ from palpate.fastsim.exact_repair.patch_repairs import (
     filled_anew,
     is_clean,
     pulled_apart,
+    pushed_back,
     smoothed,
 )
 from palpate.fastsim.percent import Percent
@@ -258,6 +259,7 @@ def _least_moved(
     chosen = np.flatnonzero(is_cross[local])
     ways: tuple[Callable[[], Attempt | None], ...] = (
         lambda: smoothed(part, chosen),
+        lambda: pushed_back(part, chosen, most=most),
         lambda: pulled_apart(part, chosen, outwards=False, most=most, with_islands=False),
         lambda: pulled_apart(part, chosen, outwards=True, most=most, with_islands=False),
         lambda: pulled_apart(part, chosen, outwards=False, most=most),
