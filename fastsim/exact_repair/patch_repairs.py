@@ -1,4 +1,4 @@
-"""Three ways to remove crossings from a patch of a surface."""
+"""Four ways to remove crossings from a patch of a surface."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ Mask = NDArray[np.bool_]
 _MOST_RINGS = 6
 # Pulling apart: steps of this part of the mean edge, and as many at most.
 _STEP, _MOST_STEPS = 0.1, 40
-# Pushing back: steps of this part of the mean edge, and as many at most; passes over what follows.
-_PUSH, _MOST_PUSHES, _FOLLOWS = 0.04, 60, 20
+# Pushing back: steps of this part of the mean edge, as many at most, and as many without fewer
+# crossings; passes over what follows; fraction that each further ring follows.
+_PUSH, _MOST_PUSHES, _PUSHES = 0.04, 80, 15
+_FOLLOWS, _PUSH_SPREAD, _PUSH_RINGS = 20, 0.5, 2
 _TINY = np.finfo(float).tiny
 # Steps without fewer crossings before it gives up.
 _PATIENCE = 6
@@ -113,28 +115,36 @@ def pulled_apart(
             return None
     return None
 
+
 def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> Attempt | None:
     """What pierces a facet pushed back through it, step by step, and the facet the other way.
 
     Of each edge that pierces a facet the end nearer to the facet's plane moves along the facet's
-    normal; what crossing facets cut off from the rest follows the points around it. Both sheets
-    move by half of what they are in each other, and no point further than `most` [m].
+    normal; points of crossing facets also move to the mean of their neighbours, which unfolds
+    them, by at most as much. What these facets cut off from the rest follows, and so, by less and
+    less, does what is around. No point moves further than `most` [m].
     """
     points, facets = part.points, part.facets
-    step = _PUSH * float(side_lengths(points[facets[rows]]).mean())
+    edge = float(side_lengths(points[facets[rows]]).mean())
     edges = edges_of(facets)
+    mean = _Mean(np.vstack([edges, edges[:, ::-1]]), len(points))
     moved, counts = points.copy(), list[int]()
     pairs = crossings_of(moved, facets, rows)
     for _ in range(_MOST_PUSHES):
-        push = _pushes(moved, facets, pairs)
         is_bad = np.zeros(len(facets), dtype=bool)
         is_bad[pairs] = True
-        size = np.linalg.norm(push, axis=1)
-        is_pushed = size > 0.0
-        push[is_pushed] *= (step / size[is_pushed])[:, None]
-        island = np.unique(facets[with_enclosed(facets, is_bad)])
-        push = _followed(push, is_pushed, np.setdiff1d(island, np.flatnonzero(is_pushed)), edges)
-        moved = moved + push
+        is_pushed = np.zeros(len(points), dtype=bool)
+        is_pushed[facets[is_bad]] = True
+        follows = np.zeros(len(points), dtype=bool)
+        follows[facets[with_enclosed(facets, is_bad)]] = True
+        push = _at_most_one(_pushes(moved, facets, pairs))
+        push[is_pushed] += _at_most_one((mean(moved) - moved) / edge)[is_pushed]
+        for _ring in range(_FOLLOWS):
+            push = np.where((follows & ~is_pushed)[:, None], mean(push), push)
+        spread = push
+        for _ring in range(_PUSH_RINGS):
+            spread = np.where(follows[:, None], push, _PUSH_SPREAD * mean(spread))
+        moved = moved + _PUSH * edge * spread
         shift = np.linalg.norm(moved - points, axis=1)
         if shift.max() > most or shift[part.is_fixed].any():
             return None
@@ -146,9 +156,30 @@ def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> 
         if not len(pairs) and is_clean(moved, facets, changed):
             return Attempt(moved, facets, np.arange(len(facets)))
         counts.append(len(pairs))
-        if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
+        if len(counts) > _PUSHES and min(counts[-_PUSHES:]) >= min(counts[:-_PUSHES]):
             return None
     return None
+
+
+class _Mean:
+    """Mean of what each point's neighbours have; `edges` both ways, shape (num_edges, 2)."""
+
+    def __init__(self, edges: Indices, num_points: int) -> None:
+        from scipy.sparse import csr_array
+
+        valence = np.maximum(np.bincount(edges[:, 0], minlength=num_points), 1)
+        weights = 1.0 / valence[edges[:, 0]]
+        self._matrix = csr_array((weights, edges.T), shape=(num_points, num_points))
+
+    def __call__(self, values: Points) -> Points:
+        mean: Points = self._matrix @ values
+        return mean
+
+
+def _at_most_one(vectors: Points) -> Points:
+    """Vectors shortened to a length of one where they are longer."""
+    shorter: Points = vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1.0)[:, None]
+    return shorter
 
 
 def _pushes(points: Points, facets: Indices, pairs: NDArray[np.int64]) -> Points:
@@ -175,20 +206,6 @@ def _pushes(points: Points, facets: Indices, pairs: NDArray[np.int64]) -> Points
             np.add.at(push, end, sign[:, None] * normals)
             for corner in range(3):
                 np.add.at(push, facets[other, corner], -sign[:, None] * normals)
-    return push
-
-
-def _followed(push: Points, is_given: Mask, free: NDArray[np.int64], edges: Indices) -> Points:
-    """Pushes of free points: the mean of those of the points around, and so of theirs."""
-    takes = is_given.copy()
-    takes[free] = True
-    both = np.vstack([edges, edges[:, ::-1]])
-    both = both[np.isin(both[:, 0], free) & takes[both[:, 1]]]
-    valence = np.maximum(np.bincount(both[:, 0], minlength=len(push)), 1)
-    for _ in range(_FOLLOWS):
-        mean = np.zeros_like(push)
-        np.add.at(mean, both[:, 0], push[both[:, 1]])
-        push[free] = (mean / valence[:, None])[free]
     return push
 
 

@@ -113,10 +113,11 @@ def _require_solid(surface: TriSurface, report: RepairReport) -> None:
 
 # Self-intersecting surfaces: folds are smoothed, sheets pulled apart, patches made anew.
 #
-# Each region where facets cross is a patch by itself. Of three ways the one that moves the surface
-# least is taken: the patch and some rings around it are bent like a thin plate; its points are
-# pulled along their normals; or its facets are removed and the holes filled anew (Attene 2010, "A
-# lightweight approach to repairing digitized polygon meshes", does the last). What is left behind
+# Each region where facets cross is a patch by itself. Of four ways the one that moves the surface
+# least is taken: the patch and some rings around it are bent like a thin plate; what pierces a
+# facet is pushed back through it; the patch's points are pulled along their normals; or its facets
+# are removed and the holes filled anew (Attene 2010, "A lightweight approach to repairing digitized
+# polygon meshes", does the last). What is left behind
 # has no crossing by the exact test.
 
 
