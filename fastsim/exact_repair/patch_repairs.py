@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
-from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
+from palpate.meshes.repair.patches import (
+    MeanOfNeighbours,
+    edges_of,
+    fair_points,
+    grow,
+    inner_points,
+    with_enclosed,
+)
 from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths, unit_normals_at_points
 
 Mask = NDArray[np.bool_]
@@ -126,8 +133,7 @@ def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> 
     """
     points, facets = part.points, part.facets
     edge = float(side_lengths(points[facets[rows]]).mean())
-    edges = edges_of(facets)
-    mean = _Mean(np.vstack([edges, edges[:, ::-1]]), len(points))
+    mean = MeanOfNeighbours(facets, len(points))
     moved, counts = points.copy(), list[int]()
     pairs = crossings_of(moved, facets, rows)
     for _ in range(_MOST_PUSHES):
@@ -159,21 +165,6 @@ def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> 
         if len(counts) > _PUSHES and min(counts[-_PUSHES:]) >= min(counts[:-_PUSHES]):
             return None
     return None
-
-
-class _Mean:
-    """Mean of what each point's neighbours have; `edges` both ways, shape (num_edges, 2)."""
-
-    def __init__(self, edges: Indices, num_points: int) -> None:
-        from scipy.sparse import csr_array
-
-        valence = np.maximum(np.bincount(edges[:, 0], minlength=num_points), 1)
-        weights = 1.0 / valence[edges[:, 0]]
-        self._matrix = csr_array((weights, edges.T), shape=(num_points, num_points))
-
-    def __call__(self, values: Points) -> Points:
-        mean: Points = self._matrix @ values
-        return mean
 
 
 def _at_most_one(vectors: Points) -> Points:
