@@ -79,6 +79,7 @@ class MeanOfNeighbours:
         self._matrix = csr_array((weights, both.T), shape=(num_points, num_points))
 
     def __call__(self, values: Points) -> Points:
+        """Means, shape (num_points, 3)."""
         mean: Points = self._matrix @ values
         return mean
 
