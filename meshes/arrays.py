@@ -60,3 +60,37 @@ def checked_indices(indices: Any, width: int, num_points: int, what: str) -> Ind
     array = np.array(array, dtype=np.int32, order="C")
     array.setflags(write=False)
     return array
+
+
+def row_keys(rows: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """A number for each row of three: equal for equal rows, and hardly ever for others.
+
+    Sorting these takes a fifth of the time of sorting rows.
+    """
+    # Odd constants of splitmix64 and xxHash; products wrap round.
+    bits = rows.view(np.uint64)
+    bits = (bits ^ (bits >> np.uint64(31))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits ^= bits >> np.uint64(32)
+    factors = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
+    keys: NDArray[np.uint64] = sum(
+        bits[:, k] * np.uint64(factor) for k, factor in enumerate(factors)
+    )  # type: ignore[assignment]
+    return keys
+
+
+def equal_points(points: Points) -> tuple[Integers, Integers]:
+    """The first of each set of equal points, ascending, and the set of each point.
+
+    Shapes (num_sets,) and (num_points,); -0.0 and 0.0 are equal.
+    """
+    same = np.ascontiguousarray(points) + 0.0
+    _, first, inverse = np.unique(
+        row_keys(same.view(np.int64)), return_index=True, return_inverse=True
+    )
+    if not np.array_equal(same[first][inverse], same):
+        _, first, inverse = np.unique(same, axis=0, return_index=True, return_inverse=True)
+        inverse = inverse.reshape(-1)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[inverse]

@@ -12,15 +12,18 @@ import importlib.util
 import io
 import math
 import re
+import zlib
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Points, equal_points
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.own_files import own_path
@@ -155,13 +158,9 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
     own: Points = points / scale
     if given is None or scale == 1.0 or not len(given):
         return own
-    both = np.vstack([_scaled(given, scale), points]) + 0.0
-    # Stable: of equal points the first is the file's, where it has one.
-    order = np.lexsort(both.T)
-    is_new = np.append(True, np.any(both[order[1:]] != both[order[:-1]], axis=1))
-    source = np.empty(len(both), dtype=np.int64)
-    source[order] = order[is_new][np.cumsum(is_new) - 1]
-    source = source[len(given) :]
+    # Of equal points the first is the file's, where it has one.
+    first, same = equal_points(np.vstack([_scaled(given, scale), points]))
+    source = first[same[len(given) :]]
     is_given = source < len(given)
     own[is_given] = given[source[is_given]]
     return own
@@ -415,10 +414,28 @@ def _write(path: str | Path, suffix: str, mesh: Any) -> None:
             version = "2.2" if mesh.field_data else "4.1"
             meshio.gmsh.write(temporary, mesh, version, binary=True)
         elif suffix in (".vtu", ".vtk", ".ply", ".stl"):
-            meshio.write(temporary, mesh, binary=True)
+            with _fast_zlib():
+                meshio.write(temporary, mesh, binary=True)
         else:
             # OBJ and OFF are text; the default formats drop digits.
             _write_text(temporary, suffix, mesh)
+
+
+@contextlib.contextmanager
+def _fast_zlib() -> Iterator[None]:
+    """Meshio's VTU compressed at zlib's first level: a fifth of the time, 1 % larger.
+
+    meshio has no option for it, and its default takes a tenth of what meshing takes.
+    """
+    module = meshio.vtu._vtu
+    own = module.zlib
+    module.zlib = SimpleNamespace(
+        compress=partial(zlib.compress, level=1), decompress=zlib.decompress
+    )
+    try:
+        yield
+    finally:
+        module.zlib = own
 
 
 def _write_text(path: Path, suffix: str, mesh: Any) -> None:

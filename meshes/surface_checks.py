@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Integers, Mask, Points
+from palpate.meshes.arrays import Indices, Integers, Mask, Points, equal_points, row_keys
 from palpate.meshes.errors import InputError
 from palpate.meshes.shells import Shell, require_nested
 from palpate.meshes.tri_surface import (
@@ -150,12 +152,8 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
     """
     used, compact = np.unique(surface.facets, return_inverse=True)
     points = surface.points[used] + 0.0  # -0.0 and 0.0 are equal
-    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    facets = rank[inverse.reshape(-1)[compact.reshape(-1)]].reshape(-1, 3)
-    return TriSurface(points[first[order]], facets)
+    first, same = equal_points(points)
+    return TriSurface(points[first], same[compact.reshape(-1)].reshape(-1, 3))
 
 
 # Near points, as a fraction of the longest side of the bounding box: some ten roundings of single
@@ -180,6 +178,8 @@ def find_near_duplicates(points: Points, distance: float | None = None) -> Integ
     reach = NEAR * size if distance is None else distance
     if not (np.isfinite(reach) and reach >= 0.0):
         raise InputError(f"distance = {reach:g} m: needs a finite value of at least 0")
+    if _surely_apart(points, reach):
+        return np.zeros((0, 2), dtype=np.int64)
     from scipy.spatial import cKDTree
 
     # A power of two changes no digit, and squares of lengths stay within the range of numbers.
@@ -194,3 +194,25 @@ def find_near_duplicates(points: Points, distance: float | None = None) -> Integ
     pairs = np.sort(tree.query_pairs(within, output_type="ndarray"), axis=1).astype(np.int64)
     unique: Integers = np.unique(pairs.reshape(-1, 2), axis=0)
     return unique
+
+
+# Cells along an axis up to which rounding is far below a cell.
+_MOST_CELLS = 2.0**40
+
+
+def _surely_apart(points: Points, reach: float) -> bool:
+    """Whether points are further from each other than `reach` for sure, without a tree of them.
+
+    Two points within reach share a cell of at least one of eight grids of cells of twice the reach,
+    each shifted by none or half a cell along each axis.
+    """
+    local = points - points.min(axis=0)
+    if not reach > 0.0 or not local.max() < _MOST_CELLS * reach:
+        return False
+    # A little more than half a cell, for rounding.
+    halves = local / (1.001 * reach)
+    for shift in itertools.product((0.0, 1.0), repeat=3):
+        keys = np.sort(row_keys(np.floor(0.5 * (halves + shift)).astype(np.int64)))
+        if np.any(keys[1:] == keys[:-1]):
+            return False
+    return True

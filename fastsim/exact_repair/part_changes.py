@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Floats, Indices, Integers, Mask, Points
-from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.repair.choices import FUSES, RepairChoices
 from palpate.meshes.repair.surface_repair import RepairReport
 from palpate.meshes.tri_surface import SurfaceError, TriSurface
 from palpate.meshes.triangles import (
@@ -87,15 +87,18 @@ class PartChange:
     def needed_limit(self) -> float:
         """Smallest limit that allows it, in per cent; 100 where it is lost, fused or a cavity."""
         is_other = self.is_lost or self.is_fused or self.is_turned
-        return max(100.0, self.volume_change) if is_other else self.volume_change
+        return max(FUSES, self.volume_change) if is_other else self.volume_change
 
 
 class ChangedPartError(SurfaceError):
-    """A repair that changes parts by more than was allowed; `.changes` holds those parts."""
+    """A repair that changes parts by more than was allowed.
+
+    `.changes` holds those parts, `.all_changes` the others too.
+    """
 
     def __init__(self, changes: Sequence[PartChange], choices: RepairChoices) -> None:
         beyond = [one for one in changes if not is_within(one, choices)]
-        self.changes = beyond
+        self.changes, self.all_changes = beyond, list(changes)
         worst = max(beyond, key=lambda one: (one.needed_limit, one.distance))
         at = ", ".join(f"{x:.6g}" for x in worst.position)
         name = " and ".join(map(str, worst.parts[:4]))

@@ -1,4 +1,4 @@
-"""Three ways to remove crossings from a patch of a surface."""
+"""Four ways to remove crossings from a patch of a surface."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.repair.hole_filling import cap_loop
-from palpate.meshes.repair.patches import edges_of, fair_points, grow, inner_points, with_enclosed
+from palpate.meshes.repair.patches import (
+    MeanOfNeighbours,
+    edges_of,
+    fair_points,
+    grow,
+    inner_points,
+    with_enclosed,
+)
 from palpate.meshes.triangles import edge_uses, facet_normals, side_lengths, unit_normals_at_points
 
 Mask = NDArray[np.bool_]
@@ -18,6 +25,11 @@ Mask = NDArray[np.bool_]
 _MOST_RINGS = 6
 # Pulling apart: steps of this part of the mean edge, and as many at most.
 _STEP, _MOST_STEPS = 0.1, 40
+# Pushing back: steps of this part of the mean edge, as many at most, and as many without fewer
+# crossings; passes over what follows; fraction that each further ring follows.
+_PUSH, _MOST_PUSHES, _PUSHES = 0.04, 80, 15
+_FOLLOWS, _PUSH_SPREAD, _PUSH_RINGS = 20, 0.5, 2
+_TINY = np.finfo(float).tiny
 # Steps without fewer crossings before it gives up.
 _PATIENCE = 6
 # Fraction of a point's displacement that each further ring around it follows.
@@ -109,6 +121,83 @@ def pulled_apart(
         if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
             return None
     return None
+
+
+def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> Attempt | None:
+    """What pierces a facet pushed back through it, step by step, and the facet the other way.
+
+    Of each edge that pierces a facet the end nearer to the facet's plane moves along the facet's
+    normal; points of crossing facets also move to the mean of their neighbours, which unfolds
+    them, by at most as much. What these facets cut off from the rest follows, and so, by less and
+    less, does what is around. No point moves further than `most` [m].
+    """
+    points, facets = part.points, part.facets
+    edge = float(side_lengths(points[facets[rows]]).mean())
+    mean = MeanOfNeighbours(facets, len(points))
+    moved, counts = points.copy(), list[int]()
+    pairs = crossings_of(moved, facets, rows)
+    for _ in range(_MOST_PUSHES):
+        is_bad = np.zeros(len(facets), dtype=bool)
+        is_bad[pairs] = True
+        is_pushed = np.zeros(len(points), dtype=bool)
+        is_pushed[facets[is_bad]] = True
+        follows = np.zeros(len(points), dtype=bool)
+        follows[facets[with_enclosed(facets, is_bad)]] = True
+        push = _at_most_one(_pushes(moved, facets, pairs))
+        push[is_pushed] += _at_most_one((mean(moved) - moved) / edge)[is_pushed]
+        for _ring in range(_FOLLOWS):
+            push = np.where((follows & ~is_pushed)[:, None], mean(push), push)
+        spread = push
+        for _ring in range(_PUSH_RINGS):
+            spread = np.where(follows[:, None], push, _PUSH_SPREAD * mean(spread))
+        moved = moved + _PUSH * edge * spread
+        shift = np.linalg.norm(moved - points, axis=1)
+        if shift.max() > most or shift[part.is_fixed].any():
+            return None
+        changed = (shift > 0.0)[facets].any(axis=1)
+        changed[rows] = True
+        if np.count_nonzero(changed) > part.most_facets:
+            return None
+        pairs = crossings_of(moved, facets, changed)
+        if not len(pairs) and is_clean(moved, facets, changed):
+            return Attempt(moved, facets, np.arange(len(facets)))
+        counts.append(len(pairs))
+        if len(counts) > _PUSHES and min(counts[-_PUSHES:]) >= min(counts[:-_PUSHES]):
+            return None
+    return None
+
+
+def _at_most_one(vectors: Points) -> Points:
+    """Vectors shortened to a length of one where they are longer."""
+    shorter: Points = vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1.0)[:, None]
+    return shorter
+
+
+def _pushes(points: Points, facets: Indices, pairs: NDArray[np.int64]) -> Points:
+    """Sum of unit pushes at each point, of pairs of facets of which edges pierce the other."""
+    push = np.zeros_like(points)
+    for one, other in (pairs.T, pairs.T[::-1]):
+        corners = points[facets[other]]
+        normals = facet_normals(corners)
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1), _TINY)[:, None]
+        for k in range(3):
+            first, second = facets[one, k], facets[one, (k + 1) % 3]
+            height, top = (
+                np.einsum("ij,ij->i", points[p] - corners[:, 0], normals) for p in (first, second)
+            )
+            along = points[second] - points[first]
+            part = height / np.where(height == top, 1.0, height - top)
+            at = points[first] + part[:, None] * along
+            sides = np.roll(corners, -1, axis=1) - corners
+            turns = np.einsum("fij,fj->fi", np.cross(sides, at[:, None] - corners), normals)
+            pierces = (height * top < 0.0) & (turns.min(axis=1) >= 0.0)
+            is_first = np.abs(height) <= np.abs(top)
+            end = np.where(is_first, first, second)
+            sign = -np.sign(np.where(is_first, height, top)) * pierces
+            np.add.at(push, end, sign[:, None] * normals)
+            for corner in range(3):
+                np.add.at(push, facets[other, corner], -sign[:, None] * normals)
+    return push
 
 
 def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:

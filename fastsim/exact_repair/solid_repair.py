@@ -16,6 +16,7 @@ from palpate.fastsim.exact_repair.part_changes import (
     measure,
     measure_changes,
     require_within,
+    round_up,
 )
 from palpate.fastsim.exact_repair.patch_repairs import (
     MOST_PAIRS,
@@ -27,11 +28,19 @@ from palpate.fastsim.exact_repair.patch_repairs import (
     filled_anew,
     is_clean,
     pulled_apart,
+    pushed_back,
     smoothed,
+)
+from palpate.fastsim.exact_repair.union import (
+    INSTALL,
+    United,
+    bodies_that_meet,
+    is_available,
+    unite,
 )
 from palpate.fastsim.percent import Percent
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.repair.choices import LIMIT, RepairChoices
+from palpate.meshes.repair.choices import FUSES, LIMIT, RepairChoices
 from palpate.meshes.repair.patches import grow
 from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
 from palpate.meshes.surface_checks import require_closed
@@ -73,8 +82,35 @@ def repair_to_solid(
         fits=is_clean,
     )
     _require_solid(repaired, report)
-    solid, done, number = untangle(repaired, Percent(progress))
+    first = None
+    # Who lets parts be fused wants bodies that run into each other united, not pulled apart.
+    united = unite(repaired) if choices.limit >= FUSES else None
+    for start in (united, None) if united is not None else (None,):
+        try:
+            return _finished(surface, report, repaired, start, choices, progress)
+        except SurfaceError as error:
+            first = first or error
+    assert first is not None
+    if choices.limit < FUSES:
+        _suggest_union(first, surface, report, repaired)
+    raise first
+
+
+def _finished(
+    surface: TriSurface,
+    report: RepairReport,
+    repaired: TriSurface,
+    united: United | None,
+    choices: RepairChoices,
+    progress: Callable[[str], None] | None,
+) -> RepairedSolid:
+    """Untangle what has been repaired, or united besides, and require it to be within limits."""
     lines = report.lines()
+    start = repaired if united is None else united.surface
+    solid, done, number = untangle(start, Percent(progress))
+    if united is not None:
+        lines.append(united.line())
+        number = np.append(united.number, -1)[number]
     if done.num_pairs:
         lines.append(done.line())
     caps = {}
@@ -92,6 +128,32 @@ def repair_to_solid(
         error.done = lines
         raise
     return RepairedSolid(solid, lines, caps, changes)
+
+
+def _suggest_union(
+    error: SurfaceError, surface: TriSurface, report: RepairReport, repaired: TriSurface
+) -> None:
+    """Say what would unite bodies that run into each other, where some do."""
+    if np.all(bodies_that_meet(repaired) < 0):
+        return
+    united = unite(repaired)
+    if united is None:
+        if is_available():
+            return
+        said = f"{INSTALL}, then a repair limit of {FUSES:g} %"
+    else:
+        said = f"a repair limit of {FUSES:g} %"
+        try:
+            _finished(surface, report, repaired, united, RepairChoices(limit=FUSES), None)
+        except ChangedPartError as beyond:
+            # A stated distance is for all parts, also for those with longer edges.
+            reach = max(one.distance for one in beyond.all_changes)
+            said += f" and a repair distance of {round_up(reach):.4g} m"
+        except SurfaceError:
+            return
+    said += " unites bodies that run into each other"
+    error.hint = f"{error.hint}; {said}" if error.hint else said
+    error.args = (f"{error}; {said}",)
 
 
 def _require_solid(surface: TriSurface, report: RepairReport) -> None:
@@ -112,10 +174,11 @@ def _require_solid(surface: TriSurface, report: RepairReport) -> None:
 
 # Self-intersecting surfaces: folds are smoothed, sheets pulled apart, patches made anew.
 #
-# Each region where facets cross is a patch by itself. Of three ways the one that moves the surface
-# least is taken: the patch and some rings around it are bent like a thin plate; its points are
-# pulled along their normals; or its facets are removed and the holes filled anew (Attene 2010, "A
-# lightweight approach to repairing digitized polygon meshes", does the last). What is left behind
+# Each region where facets cross is a patch by itself. Of four ways the one that moves the surface
+# least is taken: the patch and some rings around it are bent like a thin plate; what pierces a
+# facet is pushed back through it; the patch's points are pulled along their normals; or its facets
+# are removed and the holes filled anew (Attene 2010, "A lightweight approach to repairing digitized
+# polygon meshes", does the last). What is left behind
 # has no crossing by the exact test.
 
 
@@ -258,6 +321,7 @@ def _least_moved(
     chosen = np.flatnonzero(is_cross[local])
     ways: tuple[Callable[[], Attempt | None], ...] = (
         lambda: smoothed(part, chosen),
+        lambda: pushed_back(part, chosen, most=most),
         lambda: pulled_apart(part, chosen, outwards=False, most=most, with_islands=False),
         lambda: pulled_apart(part, chosen, outwards=True, most=most, with_islands=False),
         lambda: pulled_apart(part, chosen, outwards=False, most=most),

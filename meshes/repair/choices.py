@@ -11,6 +11,8 @@ from palpate.meshes.errors import InputError
 LARGEST_HOLE = 100
 # What sections of an organ differ by when two people draw them, and less than meshes cost [%].
 LIMIT = 2.0
+# From this limit on parts may be lost, fused or turned into cavities [%].
+FUSES = 100.0
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,24 @@ def edges_of(facets: Indices) -> Integers:
     return edge_uses(facets).edges
 
 
+class MeanOfNeighbours:
+    """Mean of what the points have that each point shares an edge with; 0 where there are none."""
+
+    def __init__(self, facets: Indices, num_points: int) -> None:
+        from scipy.sparse import csr_array
+
+        edges = edges_of(facets)
+        both = np.vstack([edges, edges[:, ::-1]])
+        valence = np.maximum(np.bincount(both[:, 0], minlength=num_points), 1)
+        weights = 1.0 / valence[both[:, 0]]
+        self._matrix = csr_array((weights, both.T), shape=(num_points, num_points))
+
+    def __call__(self, values: Points) -> Points:
+        """Means, shape (num_points, 3)."""
+        mean: Points = self._matrix @ values
+        return mean
+
+
 # Smooth patches: some points of a surface are moved so that it bends little, the others are fixed.
 # The membrane (order 1) solves L x = 0 at the free points, the thin plate (order 2) makes
 # sum |L x|^2 least over the free points and their neighbours, L the mean of a point's neighbours

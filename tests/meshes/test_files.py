@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import re
+import zlib
 from pathlib import Path
 
 import meshio
@@ -36,6 +39,21 @@ def test_meshes_come_back_exactly(tmp_path: Path, suffix: str, name: str) -> Non
     back = read_mesh(path)
     assert np.array_equal(back.points, mesh.points)
     assert np.array_equal(back.cells, mesh.cells)
+
+
+def test_a_vtu_file_is_compressed_at_zlibs_first_level_and_meshio_is_left_as_it_was(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mesh.vtu"
+    write_mesh(path, ONE_CELL)
+    text = re.search(rb"<DataArray[^>]*binary[^>]*>\s*([^<\s]+)", path.read_bytes())
+    assert text is not None
+    # One block: its header is 4 numbers of 4 bytes, in base64 by itself.
+    block = base64.b64decode(text[1][24:])
+    # RFC 1950: method 8, window 7, level 0 of 0 to 3.
+    assert block[:2] == bytes([0x78, 0x01])
+    assert zlib.decompress(block) == ONE_CELL.points.tobytes()
+    assert meshio.vtu._vtu.zlib is zlib
 
 
 @pytest.mark.parametrize("suffix", SURFACE_SUFFIXES)

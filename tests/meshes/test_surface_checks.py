@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.meshes import arrays
+from palpate.meshes.arrays import equal_points
 from palpate.meshes.errors import IndexRangeError, NonFiniteError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import (
+    _surely_apart,
     find_near_duplicates,
     merge_equal_points,
     require_closed,
@@ -128,3 +131,33 @@ def test_near_points_are_found_at_every_scale(scale: float) -> None:
     points = np.vstack([points, points[:5] + 1e-8])
     pairs = find_near_duplicates(scale * points)
     np.testing.assert_array_equal(pairs, np.column_stack([np.arange(5), np.arange(200, 205)]))
+
+
+def test_the_quick_look_never_misses_a_near_pair_and_passes_a_fine_surface() -> None:
+    rng = np.random.default_rng(3)
+    reach = 1e-6
+    for _ in range(200):
+        points = rng.uniform(size=(40, 3))
+        # As far apart as they may be, across any borders of cells, along axes too.
+        way = rng.standard_normal(3) * rng.integers(0, 2, 3)
+        length = np.linalg.norm(way)
+        other = points[0] + (reach / length * way if length else 0.0)
+        assert not _surely_apart(np.vstack([points, other]), reach)
+    assert _surely_apart(shape_sphere(edge_length=0.05).points, reach)
+
+
+def test_equal_points_are_found_by_keys_and_where_keys_fail_by_sorting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(5)
+    points = rng.integers(-2, 3, size=(300, 3)) * 0.25
+    points[points == 0.0] *= rng.choice([-1.0, 1.0], size=int((points == 0.0).sum()))
+    known: dict[tuple[float, ...], int] = {}
+    first = [k for k, row in enumerate(points.tolist()) if known.setdefault(tuple(row), k) == k]
+    sets = [first.index(known[tuple(row)]) for row in points.tolist()]
+    for _ in range(2):
+        found, of = equal_points(points)
+        assert found.tolist() == first
+        assert of.tolist() == sets
+        # Keys that are all alike.
+        monkeypatch.setattr(arrays, "row_keys", lambda rows: np.zeros(len(rows), np.uint64))

@@ -22,7 +22,7 @@ from palpate.meshes.tri_surface import TriSurface
 ALWAYS_REPAIRED = {
     "holes of 3 to 12 edges", "hole of 30 edges", "flipped facets", "facets given twice",
     "sheet a hundredth of an edge beside", "bodies overlapping by 0.3 edges", "fins",
-    "T-junctions", "facets torn apart",
+    "crumpled patch", "patch pushed over its neighbours", "T-junctions", "facets torn apart",
 }  # fmt: skip
 # Processor time of a refusal [s].
 LONGEST = 10.0
@@ -51,8 +51,13 @@ def damage_and_repair(body: TriSurface, defect: str, seed: list[int]) -> str:
     return "repaired"
 
 
-@pytest.mark.parametrize("defect", ["sheet a hundredth of an edge beside", "T-junctions", "fins"])
-def test_three_kinds_on_a_ball(defect: str) -> None:
+@pytest.mark.parametrize(
+    "defect",
+    [
+        "sheet a hundredth of an edge beside", "T-junctions", "fins", "wall pushed through another",
+    ],
+)  # fmt: skip
+def test_four_kinds_on_a_ball(defect: str) -> None:
     assert damage_and_repair(ball(), defect, [0, 0]) == "repaired"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.exact_repair.part_changes import ChangedPartError, distances_apart
-from palpate.fastsim.exact_repair.patch_repairs import all_crossings
+from palpate.fastsim.exact_repair.patch_repairs import Surroundings, all_crossings, pushed_back
 from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_solid, untangle
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.surface_remesher import mean_edge_length
@@ -110,6 +110,25 @@ def test_walls_that_run_through_each_other_are_pulled_apart_outwards() -> None:
     repaired, pairs = require_solid(TriSurface(given, PLATE.facets), 0.1)
     assert pairs > 0
     assert repaired.volume > TriSurface(given, PLATE.facets).volume
+
+
+def test_what_pierces_a_wall_is_pushed_back_and_the_wall_the_other_way() -> None:
+    given = PLATE.points.copy()
+    deep = np.linalg.norm(given - [0.5, 0.5, 0.1], axis=1) < 0.08
+    given[deep, 2] -= 0.11
+    body = TriSurface(given, PLATE.facets)
+    # It is 0.01 through the wall: 0.005 for each of the two is the least that parts them.
+    whole = Surroundings(given, PLATE.facets, np.zeros(len(given), bool), len(PLATE.facets))
+    rows = np.unique(all_crossings(given, PLATE.facets)).astype(np.int64)
+    made = pushed_back(whole, rows, most=0.01)
+    assert made is not None
+    assert not len(all_crossings(made.points, made.facets))
+    shift = made.points - given
+    assert shift[deep, 2].min() > 0.0
+    assert shift[given[:, 2] == 0.0, 2].min() < 0.0
+    assert pushed_back(whole, rows, most=0.004) is None
+    # Within half an edge, as it is allowed by default.
+    assert repair_to_solid(body).changes[0].distance <= 0.5 * mean_edge_length(given, PLATE.facets)
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("crumpled", 4), ("slid", 7), ("pressed", 1)])
