@@ -146,7 +146,10 @@ def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     rows = np.ascontiguousarray(cells[own_rows], dtype=np.int64)
     if _IS_OLD:
         shape = ufl.Cell("tetrahedron", geometric_dimension=3)
-        domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
+        # FFCx gives a mesh this variant when it compiles its first form, but not when it finds that
+        # form compiled: the names of all later forms would depend on which of the two happened.
+        scalar = ufl.FiniteElement("Lagrange", shape, 1, variant="equispaced")
+        domain = ufl.Mesh(ufl.VectorElement(scalar))
         no_ghosts = dolfinx.mesh.GhostMode.none
         return dolfinx.mesh.create_mesh(COMM, rows, x, domain, no_ghosts)
     import basix.ufl
