@@ -17,9 +17,14 @@ from palpate.reference.availability import is_available
 from palpate.validation.diagnosis.law_simulators import example_material as material
 
 if is_available():
+    from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+
+    from palpate.reference import laws
     from palpate.reference.discrete_problem import ElasticBody, internal_force
     from palpate.reference.dynamics import simulate_implicit
+    from palpate.reference.fenicsx import ufl
     from palpate.reference.mesh_transfer import create_space, transfer
+    from palpate.reference.principal_laws import energy_of_stretches, stretch_sum
     from palpate.reference.statics import solve_static
     from palpate.reference.stepping import simulate_explicit
 
@@ -43,6 +48,33 @@ def test_small_strains_are_hookes(box, law):
     assert differences[0] / differences[1] == pytest.approx(100.0, rel=0.1)
     other = dataclasses.replace(problem, material=Material(1e4, 0.4))
     assert np.array_equal(solve_static(other, strain=Strain.LINEAR).displacement, linear)
+
+
+@LAWS
+def test_what_a_law_has_of_lmbda_is_that_of_its_volume(law):
+    """W = W_0 + lmbda/2 g^2: the mixed form solves for g, smoothed cells average W_0 and g apart."""
+    F = np.eye(3) + np.random.default_rng(4).uniform(-0.3, 0.3, (3, 3))
+    J, lmbda, mu, c01 = np.linalg.det(F), 7.0, 2.0, 0.3
+    if law.is_of_stretches:
+        e = np.linalg.eigvalsh(F.T @ F - np.eye(3))[None] / 2
+        terms = material(law).ogden_terms
+        whole, rest = (
+            float(energy_of_stretches(law, np.array([of]), np.array([mu]), terms)(e).value[0])
+            for of in (lmbda, 0.0)
+        )
+        g = stretch_sum(e).value[0] if law is Law.COROTATIONAL else J - 1.0
+    else:
+        gradient = ufl.as_matrix(F.tolist())
+        whole, rest = (
+            value(laws.energy_density(gradient, law, of, mu, c01)) for of in (lmbda, 0.0)
+        )
+        g = value(laws.volume_change(gradient, law))
+        assert g == pytest.approx(np.log(J) if law.is_by_log_of_volume else J - 1.0, rel=1e-13)
+    assert whole - rest == pytest.approx(lmbda / 2 * g**2, rel=1e-12)
+
+
+def value(expression):
+    return apply_algebra_lowering(expression)(())
 
 
 @LAWS

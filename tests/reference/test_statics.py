@@ -355,10 +355,12 @@ def test_a_bar_squeezed_between_its_ends_buckles(bar):
     assert 0.3 * caught.value.load_factor == pytest.approx(0.13, rel=0.25)
 
 
-@pytest.mark.parametrize("kind", ["bend", "pull down", "press", "poke", "squeeze"])
-@pytest.mark.parametrize("strength", [1.0, 30.0])
-def test_overload_ends_with_the_last_good_state(bar, kind, strength):
-    mesh = bar
+@pytest.mark.parametrize(
+    ("kind", "strength"),
+    [("bend", 1.0), ("pull down", 30.0), ("press", 1.0), ("poke", 30.0), ("squeeze", 1.0)],
+)
+def test_overload_ends_with_the_last_good_state(box, kind, strength):
+    mesh = box((10, 2, 2), (1.0, 0.2, 0.2))
     loads, supports = (), (support(mesh),)
     if kind == "bend":
         loads = (BodyForce((0.0, 0.0, -1000.0 * strength)),)

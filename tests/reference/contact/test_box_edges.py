@@ -110,9 +110,10 @@ def held_down(problem: Problem, depth: float) -> Problem:
 
 
 @pytest.mark.dolfinx
-@pytest.mark.parametrize("margin", MARGINS)
-@pytest.mark.parametrize("edges", ["x", "y", "both"])
-def test_nodes_just_inside_an_edge_are_pressed_down_not_out(box, margin, edges) -> None:
+@pytest.mark.parametrize(
+    ("edges", "margin"), [*(("both", margin) for margin in MARGINS), ("x", 1e-6), ("y", 1e-6)]
+)
+def test_nodes_just_inside_an_edge_are_pressed_down_not_out(box, edges, margin) -> None:
     """A row at 0.25 from the middle, nearer to the side than a step of the tool is deep."""
     mesh, depth = box((4, 4, 3)), 0.05
     near, far = 0.25 * (1.0 + margin), 0.35
