@@ -226,9 +226,7 @@ SOFT, STIFF = Material(1e4, 0.3, 1000.0), Material(5e4, 0.2, 3000.0)
 
 
 @pytest.mark.parametrize("kind", ["linear", "smoothed", "quadratic"])
-@pytest.mark.parametrize(
-    ("strain", "traction"), [(Strain.GREEN, -1500.0), (Strain.LINEAR, 2000.0)]
-)
+@pytest.mark.parametrize(("strain", "traction"), [(Strain.GREEN, -1500.0), (Strain.LINEAR, 2000.0)])
 def test_layers_in_series_each_take_their_own_stretch(box, kind, traction, strain):
     mesh = box((4, 2, 2))
     beyond = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5
