@@ -190,8 +190,8 @@ class Smoothing:
 class SmoothedBody:
     """The stress of a displacement, whose values may change, by averaged strains and volumes.
 
-    `stress` and `piola` are the second and first Piola-Kirchhoff stress of `u` in UFL [Pa], Cauchy's
-    under linear strain; `coefficients` are those of the forms to be updated to u before `update`.
+    `stress` and `piola` are the second and first Piola-Kirchhoff stress of `u` in UFL, Cauchy's
+    under linear strain; `coefficients` of the forms are to be updated to u before `update`.
 
     Raises:
         InputError: The degree is not 1, or there is more than one rank.

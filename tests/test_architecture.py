@@ -256,12 +256,13 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11140,
+        11160,
         "issue 35: contact over facets, friction there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
-        "truths that end where they decide on it; critical loads by few solves",
+        "truths that end where they decide on it; critical loads by few solves; "
+        "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
         53840,
@@ -280,7 +281,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65500,
+        65420,
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
         "issue 38: no keys, fractions or empty bars on a report; "
