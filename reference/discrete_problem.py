@@ -114,8 +114,9 @@ class ElasticBody:
         lame: First Lamé parameter and shear modulus [Pa], functions constant in each cell.
         law: The law of the material, which is used under Green strain.
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
-        virtual_work: Integral of F S : grad v, F = I under linear strain.
-        stress_degree: Quadrature degree that forms of `stress` must be integrated with; None where
+        piola: First Piola-Kirchhoff stress [Pa]; Cauchy's under linear strain.
+        virtual_work: Integral of piola : grad v.
+        stress_degree: Quadrature degree that forms of stresses must be integrated with; None where
             any will do.
 
     Raises:
@@ -148,12 +149,13 @@ class ElasticBody:
         if element is Element.SMOOTHED:
             self._smoothed = SmoothedBody(space, self.u, material, strain, moduli)
             self._coefficients = self._smoothed.coefficients
-            self.stress = self._smoothed.stress
+            self.stress, self.piola = self._smoothed.stress, self._smoothed.piola
             self.virtual_work = self._smoothed.virtual_work(self.v)
         else:
             forms = LawForms(space, self.u, material, strain, moduli)
             self._coefficients, self.stress_degree = forms.coefficients, forms.stress_degree
-            self.stress, self.energy = forms.stress, forms.energy * forms.dx
+            self.stress, self.piola = forms.stress, forms.piola
+            self.energy = forms.energy * forms.dx
             self.virtual_work = ufl.inner(forms.piola, ufl.grad(self.v)) * forms.dx
         self.num_dofs = 3 * space.num_blocks  # owned by this rank
         self._unknown = self.u

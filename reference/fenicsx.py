@@ -61,6 +61,7 @@ if _IS_OLD:
 else:
     _ADD = dolfinx.la.InsertMode.add
 
+_VERSIONS = {**availability.versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
 # -O2 without -march=native or -ffast-math: the same digits on every machine of an architecture.
 _OPTIONS: dict[str, Any] = {"cffi_extra_compile_args": ["-O2", "-g0"]}
 # How long the compiler waits for another process's form before it raises TimeoutError [s].
@@ -123,7 +124,7 @@ def _compiler(folder: Path, patience: int) -> Iterator[None]:
 
 def versions() -> dict[str, str]:
     """Versions of Python, of the parts of FEniCSx and of PETSc, as text."""
-    return {**availability.versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
+    return dict(_VERSIONS)
 
 
 def give_back_dropped() -> None:
@@ -146,7 +147,10 @@ def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     rows = np.ascontiguousarray(cells[own_rows], dtype=np.int64)
     if _IS_OLD:
         shape = ufl.Cell("tetrahedron", geometric_dimension=3)
-        domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
+        # FFCx gives a mesh this variant when it compiles its first form, but not when it finds that
+        # form compiled: the names of all later forms would depend on which of the two happened.
+        scalar = ufl.FiniteElement("Lagrange", shape, 1, variant="equispaced")
+        domain = ufl.Mesh(ufl.VectorElement(scalar))
         no_ghosts = dolfinx.mesh.GhostMode.none
         return dolfinx.mesh.create_mesh(COMM, rows, x, domain, no_ghosts)
     import basix.ufl
@@ -219,9 +223,12 @@ def num_local_blocks(space: Any) -> int:
     return int(index_map.size_local + index_map.num_ghosts)
 
 
-def cell_function(mesh: Any, values: Floats) -> Any:
-    """Return the function with a constant value in each cell, dolfinx numbering."""
-    function = fem.Function(function_space(mesh, "DG", 0))
+def cell_function(mesh: Any, values: Floats, space: Any = None) -> Any:
+    """Return the function with a constant value in each cell, dolfinx numbering.
+
+    `space` is the space of such functions, if there is one.
+    """
+    function = fem.Function(space or function_space(mesh, "DG", 0))
     set_cell_values(function, values)
     return function
 
@@ -236,12 +243,12 @@ def cell_values(function: Any) -> Floats:
     return np.array(function.x.array[cell_dofs(function.function_space)[:, 0]])
 
 
-def quadrature_points(degree: int) -> Points:
-    """Quadrature points of the reference tetrahedron for a form of this degree."""
+def quadrature(degree: int) -> tuple[Points, Floats]:
+    """Points and weights of the reference tetrahedron for a form of this degree; they sum to 1."""
     import basix
 
-    points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree)
-    return np.asarray(points, dtype=np.float64)
+    points, weights = basix.make_quadrature(basix.CellType.tetrahedron, degree)
+    return np.asarray(points, dtype=np.float64), 6.0 * np.asarray(weights, dtype=np.float64)
 
 
 @_compiles
@@ -397,19 +404,20 @@ def _table(rows: Any, mesh: Any) -> np.ndarray[Any, Any]:
 @_compiles
 def evaluate_in_cells(
     mesh: Any, expression: Any, reference_points: Points
-) -> Callable[[], np.ndarray[Any, Any]]:
+) -> Callable[..., np.ndarray[Any, Any]]:
     """Compile an expression to be evaluated at points of every cell, dolfinx numbering.
 
     Returns:
-        A function for its present values, shape (num_cells, num_points * value_size).
+        A function for its present values, shape (num_cells, num_points * value_size); in some
+        cells only, if their numbers are given.
     """
-    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    every = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     points = np.ascontiguousarray(reference_points)
     if _IS_OLD:
-        compiled = fem.Expression(expression, points, jit_params=_OPTIONS)
-        return lambda: np.asarray(compiled.eval(cells)).reshape(len(cells), -1)
-    compiled = fem.Expression(expression, points, jit_options=_OPTIONS)
-    return lambda: np.asarray(compiled.eval(mesh, cells)).reshape(len(cells), -1)
+        old = fem.Expression(expression, points, jit_params=_OPTIONS)
+        return lambda cells=every: np.asarray(old.eval(cells)).reshape(len(cells), -1)
+    new = fem.Expression(expression, points, jit_options=_OPTIONS)
+    return lambda cells=every: np.asarray(new.eval(mesh, cells)).reshape(len(cells), -1)
 
 
 def meshtags(

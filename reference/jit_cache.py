@@ -39,6 +39,8 @@ _TRIES_ALONE = 3
 _READY, _HASH = ".c.cached", ".sha256"
 # Folders whose forms this process has checked.
 _CHECKED: set[Path] = set()
+# When folders were changed last, as this process saw them with a hash for every form.
+_NOTED: dict[Path, int] = {}
 _FOR_THIS_PROCESS = contextlib.ExitStack()
 atexit.register(_FOR_THIS_PROCESS.close)
 
@@ -105,11 +107,16 @@ def check_forms(folder: Path) -> None:
 
 def note_forms(folder: Path) -> None:
     """Write the hashes of the forms that have been compiled just now; the caller has a lock."""
+    changed = folder.stat().st_mtime_ns
+    if _NOTED.get(folder) == changed:  # nothing was compiled; to list a thousand forms takes long
+        return
     notes = {path.name for path in folder.glob(f"*{_HASH}")}
     new = [name for name in _finished(folder) if name + _HASH not in notes]
     libraries = _libraries(folder) if new else {}
     for name in new:
         write_text_atomically(folder / f"{name}{_HASH}", _form_hash(libraries.get(name, [])))
+    if not new:
+        _NOTED[folder] = changed
 
 
 def _finished(folder: Path) -> list[str]:

@@ -95,7 +95,12 @@ class TransferredMesh:
         values = np.full(self.source.num_cells, value(material))
         for inclusion in inclusions:
             values[np.asarray(inclusion.cells)] = value(inclusion.material)
-        return fenicsx.cell_function(self.mesh, values[self.cell_of_cell])
+        return fenicsx.cell_function(self.mesh, values[self.cell_of_cell], self._constants)
+
+    @cached_property
+    def _constants(self) -> Any:
+        """The space of functions that are constant in each cell."""
+        return fenicsx.function_space(self.mesh, "DG", 0)
 
     def facet_entities(self, facets: Indices, what: str) -> Indices:
         """Numbers of boundary facets, each once, in this rank's part of the dolfinx mesh, sorted.

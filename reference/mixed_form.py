@@ -134,9 +134,9 @@ class MixedProblem(DiscreteProblem):
         forms = LawForms(self.space, self.u, problem.material, strain, (None, mu, c01))
         volume, by_gradient, by_strain = forms.volume()
         self._coefficients, self.stress_degree = forms.coefficients, forms.stress_degree
-        self.stress = forms.stress + p * by_strain
+        self.stress, self.piola = forms.stress + p * by_strain, forms.piola + p * by_gradient
         self.energy = (forms.energy + p**2 / (2 * lmbda)) * forms.dx
-        balance = ufl.inner(forms.piola + p * by_gradient, ufl.grad(self.v))
+        balance = ufl.inner(self.piola, ufl.grad(self.v))
         self.virtual_work = (balance + (volume - p / lmbda) * q) * forms.dx
         self._force = fenicsx.form(self.virtual_work)
         self._attach(problem, self._dofs, idle)

@@ -187,7 +187,7 @@ class StrainCoefficients:
     ) -> None:
         self._u, self._function = u, function
         self._mesh, self._strain = mesh, strain_tensor(u, Strain.GREEN)
-        points = fenicsx.quadrature_points(degree)
+        points, _ = fenicsx.quadrature(degree)
         self._at_points = function(len(points))
         self._sample = fenicsx.evaluate_in_cells(mesh, self._strain, points)
         spaces = [fenicsx.quadrature_space(mesh, degree, size) for size in (1, 6, len(_UPPER[0]))]

@@ -190,8 +190,8 @@ class Smoothing:
 class SmoothedBody:
     """The stress of a displacement, whose values may change, by averaged strains and volumes.
 
-    `stress` is the second Piola-Kirchhoff stress of `u` in UFL [Pa], Cauchy's under linear strain;
-    `coefficients` are those of the forms to be updated to u before `update`.
+    `stress` and `piola` are the second and first Piola-Kirchhoff stress of `u` in UFL, Cauchy's
+    under linear strain; `coefficients` of the forms are to be updated to u before `update`.
 
     Raises:
         InputError: The degree is not 1, or there is more than one rank.
@@ -222,7 +222,7 @@ class SmoothedBody:
             # A factor of 0 or 1, so that the geometric tangent has a form also where it is zero.
             turns = fem.Constant(mesh, PETSc.ScalarType(strain is Strain.GREEN))
             self.stress = S + p * ufl.Identity(3)
-            self._piola = (ufl.Identity(3) + turns * ufl.grad(u)) * self.stress
+            self.piola = (ufl.Identity(3) + turns * ufl.grad(u)) * self.stress
         else:
             if material.law is Law.COROTATIONAL:
                 total = StrainCoefficients(mesh, u, lambda _: stretch_sum, 0)
@@ -232,15 +232,15 @@ class SmoothedBody:
             else:
                 measures = (ufl.det(deformation_gradient(u)) - 1) * q * self._dx
                 slope, rates = ufl.diff(ufl.det(F) - 1, F), ufl.derivative(measures, u, du)
-            self._piola = F * S + p * slope
-            self.stress = ufl.inv(F) * self._piola
+            self.piola = F * S + p * slope
+            self.stress = ufl.inv(F) * self.piola
         self._forms = [fenicsx.form(of) for of in (strains, measures)]
         self._rates = [fenicsx.form(of) for of in (ufl.derivative(strains, u, du), rates)]
         self._matrices = [fenicsx.create_matrix(of) for of in self._rates]
 
     def virtual_work(self, v: Any) -> Any:
         """Integral of S : dE(v) + p dm(v)."""
-        return ufl.inner(self._piola, ufl.grad(v)) * self._dx
+        return ufl.inner(self.piola, ufl.grad(v)) * self._dx
 
     def update(self) -> None:
         """Compute the stress at u."""

@@ -39,13 +39,15 @@ BOTH_ELEMENTS = pytest.mark.parametrize(
 
 
 @BOTH_ELEMENTS
-@pytest.mark.parametrize("nu", [0.0, 0.49])
-def test_force_energy_and_tangent_are_those_of_ufl(law: Law, nu: float, element: Element) -> None:
+def test_force_energy_and_tangent_are_those_of_ufl(law: Law, element: Element) -> None:
     from palpate.reference.discrete_problem import DiscreteProblem
 
     mesh = brick_box((5, 4, 4), (1.0, 0.8, 0.8), ragged=0.2)
-    inclusions = (Inclusion(np.arange(50), example_material(law, 0.2)),)
-    problem = Problem(mesh, example_material(law, nu), (), (), inclusions=inclusions)
+    inclusions = tuple(
+        Inclusion(np.arange(50 * k, 50 * k + 50), example_material(law, nu))
+        for k, nu in enumerate((0.0, 0.2))
+    )
+    problem = Problem(mesh, example_material(law, 0.49), (), (), inclusions=inclusions)
     # About 10 % of the cell size, 0.2.
     u = 0.02 * np.random.default_rng(7).standard_normal(mesh.points.shape)
     body = Body.of(problem, element=element)
@@ -79,10 +81,10 @@ def test_trajectory_is_that_of_the_explicit_reference(law: Law, element: Element
     from palpate.reference.stepping import simulate_explicit
 
     mesh = brick_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
-    problem = bar(mesh, law, TimeSpan(5.0, 5e-3, mass_damping=2.0, num_outputs=10))
+    problem = bar(mesh, law, TimeSpan(1.0, 5e-3, mass_damping=2.0, num_outputs=5))
     ours = simulate(problem, element=element)
     theirs = simulate_explicit(problem, element=element)
-    assert (ours.num_steps, ours.time_step) == (1000, 5e-3)
+    assert (ours.num_steps, ours.time_step) == (200, 5e-3)
     largest = np.abs(theirs.displacements[1:]).max(axis=(1, 2))
     assert largest.min() > 0.01
     error = np.abs(ours.displacements - theirs.displacements)[1:].max(axis=(1, 2))

@@ -81,16 +81,15 @@ def free_stretches(of, stretch, axes=1):
 
 
 @pytest.mark.parametrize(
-    ("stretch", "stress_over_E", "lateral"),
+    ("kind", "stretch", "stress_over_E", "lateral"),
     [  # P/E = l (l^2 - 1) / 2; lateral stretch sqrt(1 - nu (l^2 - 1)), nu = 0.3
-        (0.80, -0.144000, 1.0526158),
-        (0.90, -0.085500, 1.0281051),
-        (1.10, 0.115500, 0.9679876),
-        (1.25, 0.3515625, 0.9117291),
-        (1.50, 0.937500, 0.7905694),
+        ("quadratic", 0.80, -0.144000, 1.0526158),
+        ("smoothed", 0.90, -0.085500, 1.0281051),
+        ("linear", 1.10, 0.115500, 0.9679876),
+        ("mixed", 1.25, 0.3515625, 0.9117291),
+        ("cubic", 1.50, 0.937500, 0.7905694),
     ],
 )
-@pytest.mark.parametrize("kind", [*KINDS, "cubic"])
 def test_a_pulled_block_has_the_closed_form_by_hand(box, kind, stretch, stress_over_E, lateral):
     of = Material(3000.0, 0.3)
     stretches, P = free_stretches(of, stretch), 3000.0 * stretch * (stretch**2 - 1) / 2
@@ -108,12 +107,26 @@ STRETCHES = [
     ("quadratic", 0.8, 2),
     ("linear", 1.4, 2),
 ]
+# A law and the degree of cells are put together in one way for each of these: a polynomial in E, a
+# function of F, and one of stretches; and in the mixed form for each measure of volume.
+OF_A_KIND = {
+    "quadratic": (SVK, Law.NEO_HOOKEAN, Law.OGDEN),
+    "mixed": (SVK, Law.NEO_HOOKEAN_STABLE, Law.NEO_HOOKEAN, Law.COROTATIONAL),
+}
+
+
+def by_night(law, kind):
+    return () if law in OF_A_KIND.get(kind, LAWS) else pytest.mark.nightly
 
 
 @pytest.mark.parametrize(
     ("law", "kind", "stretch", "axes"),
-    # Saint-Venant-Kirchhoff's law does not reach the last two.
-    [(law, *row) for law in LAWS for row in (STRETCHES[:-2] if law is SVK else STRETCHES)],
+    [
+        pytest.param(law, *row, marks=by_night(law, row[0]))
+        for law in LAWS
+        # Saint-Venant-Kirchhoff's law does not reach the last two.
+        for row in (STRETCHES[:-2] if law is SVK else STRETCHES)
+    ],
 )
 def test_free_stretch_is_the_closed_form(box, law, kind, stretch, axes):
     """Along one axis, or along two alike: pulled by a traction, pushed by a moved face.
@@ -126,7 +139,7 @@ def test_free_stretch_is_the_closed_form(box, law, kind, stretch, axes):
 
 @pytest.mark.parametrize(
     ("law", "nu"),
-    [(law, nu) for law in LAWS for nu in ((0.3, 0.49, 0.4999) if law is SVK else (0.4, 0.4999))],
+    [(SVK, 0.3), *(pytest.param(law, 0.4999, marks=by_night(law, "mixed")) for law in LAWS)],
 )
 def test_the_mixed_form_has_the_same_closed_form(box, law, nu):
     of = example_material(law, nu)
@@ -171,12 +184,11 @@ def check_stretch(box, of, kind, stretches, axes, is_pulled):
 @pytest.mark.parametrize("law", LAWS)
 # Saint-Venant-Kirchhoff's law is unstable (shear) below a = 0.798,
 # a^2 = (lmbda + 2 mu) / (lmbda + 4 mu).
-@pytest.mark.parametrize("stretch", [0.85, 0.95, 1.3])
-@pytest.mark.parametrize("kind", ["linear", "quadratic"])
-def test_confined_stretch_has_the_closed_form_stress(box, law, stretch, kind):
+@pytest.mark.parametrize("stretch", [0.85, 1.3])
+def test_confined_stretch_has_the_closed_form_stress(box, law, stretch):
     of, mesh = example_material(law, 0.3), box(jitter=0.2)
     pushed = support(mesh, "x1", (True, False, False), (stretch - 1, 0.0, 0.0))
-    result = solve_static(Problem(mesh, of, (*confined(mesh), pushed), ()), **KINDS[kind])
+    result = solve_static(Problem(mesh, of, (*confined(mesh), pushed), ()))
     assert np.abs(result.displacement - mesh.points * [stretch - 1, 0, 0]).max() <= 1e-10
     P = np.diag(nominal_stress(of, (stretch, 1.0, 1.0)))
     assert np.abs(result.first_piola_kirchhoff_stress - P).max() <= 1e-9 * np.abs(P).max()
@@ -214,8 +226,7 @@ SOFT, STIFF = Material(1e4, 0.3, 1000.0), Material(5e4, 0.2, 3000.0)
 
 
 @pytest.mark.parametrize("kind", ["linear", "smoothed", "quadratic"])
-@pytest.mark.parametrize("traction", [-1500.0, 2000.0])
-@STRAINS
+@pytest.mark.parametrize(("strain", "traction"), [(Strain.GREEN, -1500.0), (Strain.LINEAR, 2000.0)])
 def test_layers_in_series_each_take_their_own_stretch(box, kind, traction, strain):
     mesh = box((4, 2, 2))
     beyond = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5

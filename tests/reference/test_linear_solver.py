@@ -194,6 +194,19 @@ def test_nodes_and_cells_arrive_with_their_maps(shuffled):
     assert np.array_equal(np.sort(received, axis=1), np.sort(sent, axis=1))
 
 
+def test_what_was_compiled_for_one_mesh_serves_the_next(box, tmp_path, monkeypatch):
+    """Also where the first form of the next one is found compiled: FFCx changes meshes."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    counts = []
+    for _ in range(2):
+        mesh = transfer(box((1, 1, 1))).mesh
+        for degree in (1, 2):
+            dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
+            fenicsx.form(fem.Constant(mesh, 1.0) * dx)
+        counts.append(len(list(tmp_path.rglob("*.c"))))
+    assert counts[0] == counts[1] > 1
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_dofs_of_points_sit_at_the_points(shuffled, degree):
     space = create_space(transfer(shuffled), degree)

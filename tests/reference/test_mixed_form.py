@@ -253,7 +253,7 @@ def parted(mesh: TetMesh, *materials: Material, lift: float, degree: int = 2, fo
     return solve_static(problem, degree=degree, strain=Strain.LINEAR, formulation=form)
 
 
-@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("degree", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_columns_side_by_side_have_pressures_of_their_own(degree: int) -> None:
     # Uniform strains e_z = -e, e_y = 0, e_x = a and -a, with (l1 + 2 m1) a - l1 e = -(l2 + 2 m2) a
     # - l2 e: a linear displacement, and a pressure that jumps.

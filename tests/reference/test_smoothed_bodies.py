@@ -177,9 +177,17 @@ def test_equilibria_of_two_materials_are_the_same(strain):
     assert largest_difference(two_materials(0.4), strain) < 1e-8
 
 
+# The gate on all cases judges these by stored references.
 @BOTH
 @pytest.mark.parametrize(
-    "name", ["beam", "block", "cantilever", "column", "csm1", "csm2", "kidney", "press", "sze"]
+    "name",
+    [
+        *("block", "press"),
+        *(
+            pytest.param(name, marks=pytest.mark.nightly)
+            for name in ("beam", "cantilever", "column", "csm1", "csm2", "kidney", "sze")
+        ),
+    ],
 )
 def test_built_in_cases_are_the_same(name, strain):
     assert largest_difference(load_case(name).problem, strain) < 1e-8

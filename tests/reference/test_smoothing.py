@@ -259,7 +259,9 @@ def test_the_volumetric_part_is_a_mixed_form_with_vertex_quadrature(box, strain)
     assert np.abs(volumetric - force).max() <= 1e-12 * np.abs(force).max()
 
 
-RATIOS = pytest.mark.parametrize("poissons_ratio", [0.3, 0.49])
+RATIOS = pytest.mark.parametrize(
+    "poissons_ratio", [pytest.param(0.3, marks=pytest.mark.nightly), 0.49]
+)
 
 
 def sparse(matrix):

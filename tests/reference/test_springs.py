@@ -18,7 +18,6 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.errors import InputError
-from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
@@ -83,15 +82,6 @@ def test_the_same_equilibrium_on_the_same_mesh(strain: Strain, element: Element)
     assert audited.displacement_error < 1e-7
     wrong = dataclasses.replace(problem, springs=problem.springs[:1])
     assert apart(fast_static(wrong, strain=strain, element=element).displacement, mine) > 1e-3
-
-
-@pytest.mark.dolfinx
-@pytest.mark.parametrize("law", [Law.NEO_HOOKEAN, Law.COROTATIONAL])
-@pytest.mark.parametrize("element", list(Element))
-def test_the_same_equilibrium_by_other_laws(law: Law, element: Element) -> None:
-    problem = dataclasses.replace(pinched(), material=Material(1e4, 0.35, 1000.0, law))
-    mine = fast_static(problem, element=element).displacement
-    assert apart(mine, solve_static(problem, element=element).displacement) < 1e-8
 
 
 @pytest.mark.dolfinx

@@ -170,40 +170,6 @@ def test_hanging_bar_is_quadratic_in_its_length(box):
     assert result.volume == pytest.approx(0.25 * (2.0 + exact.max()), rel=CLOSED)
 
 
-def test_reactions_carry_the_loads(box):
-    mesh = box((4, 2, 2), (1.0, 0.3, 0.3))
-    tip = int(np.flatnonzero(np.all(mesh.points == [1.0, 0.3, 0.3], axis=1))[0])
-    pull = np.array([[0.4, -0.3, 0.7]])
-    loads = (
-        PointForce(np.array([tip], dtype=np.int32), pull),
-        BodyForce((0.0, 3.0, -50.0)),
-        Traction(mesh.facet_groups["z1"], (5.0, 0.0, -7.0)),
-    )
-    result = solve_static(Problem(mesh, MATERIAL, (support(mesh, "x0"),), loads))
-    forces = internal_force(mesh, result.displacement, material=MATERIAL)
-    applied = pull[0] + 0.09 * np.array([0.0, 3.0, -50.0]) + 0.3 * np.array([5.0, 0.0, -7.0])
-    fixed = np.unique(mesh.facet_groups["x0"])
-    free = np.setdiff1d(np.arange(mesh.num_points), fixed)
-    # What the nodes carry outside the support is the load's share there; reactions are the rest.
-    assert np.abs(forces.sum(axis=0)).max() <= 1e-10 * np.abs(applied).max()
-    share = mesh_share(mesh, fixed, pull[0], tip)
-    assert np.allclose(forces[free].sum(axis=0), applied - share, rtol=0.0, atol=1e-7)
-
-
-def mesh_share(mesh, fixed, pull, tip):
-    """Part of the three loads that lands on held nodes, by their shares of volume and area."""
-    from palpate.meshes.tet_mesh import signed_volumes
-
-    volumes = signed_volumes(mesh.points, mesh.cells)
-    on_held = np.isin(mesh.cells, fixed).sum(axis=1) / 4
-    facets = mesh.facet_groups["z1"]
-    a, b, c = (mesh.points[facets[:, k]] for k in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    area = (areas * np.isin(facets, fixed).sum(axis=1) / 3).sum()
-    share = (volumes * on_held).sum() * np.array([0.0, 3.0, -50.0])
-    return share + area * np.array([5.0, 0.0, -7.0]) + (pull if tip in fixed else 0.0)
-
-
 @pytest.mark.parametrize("push", [-1.0, -1e3])
 def test_absurd_loads_are_not_called_converged(box, push):
     mesh = box((3, 3, 3))
@@ -213,15 +179,6 @@ def test_absurd_loads_are_not_called_converged(box, push):
     assert caught.value.load_factor < 1.0
     assert caught.value.smallest_det_f > 0.0
     assert np.isfinite(caught.value.displacement).all()
-
-
-def test_quadratic_body_is_softer_and_keeps_its_bent_volume(box):
-    mesh = box((6, 1, 1), (1.0, 0.1, 0.1))
-    loads = (BodyForce((0.0, 0.0, -40.0)),)
-    problem = Problem(mesh, Material(2e5, 0.3), (support(mesh, "x0"),), loads)
-    linear, quadratic = (solve_static(problem, degree=p) for p in (1, 2))
-    assert quadratic.displacement[:, 2].min() < 1.2 * linear.displacement[:, 2].min() < 0.0
-    assert quadratic.volume == pytest.approx(problem.mesh.volume, rel=1e-3)
 
 
 def test_the_answer_does_not_depend_on_the_numbering(box):
@@ -355,10 +312,12 @@ def test_a_bar_squeezed_between_its_ends_buckles(bar):
     assert 0.3 * caught.value.load_factor == pytest.approx(0.13, rel=0.25)
 
 
-@pytest.mark.parametrize("kind", ["bend", "pull down", "press", "poke", "squeeze"])
-@pytest.mark.parametrize("strength", [1.0, 30.0])
-def test_overload_ends_with_the_last_good_state(bar, kind, strength):
-    mesh = bar
+@pytest.mark.parametrize(
+    ("kind", "strength"),
+    [("bend", 1.0), ("pull down", 30.0), ("press", 1.0), ("poke", 30.0), ("squeeze", 1.0)],
+)
+def test_overload_ends_with_the_last_good_state(box, kind, strength):
+    mesh = box((10, 2, 2), (1.0, 0.2, 0.2))
     loads, supports = (), (support(mesh),)
     if kind == "bend":
         loads = (BodyForce((0.0, 0.0, -1000.0 * strength)),)

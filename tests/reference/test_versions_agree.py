@@ -6,6 +6,7 @@ import palpate too, where palpate is not installed for it.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import pickle
 import subprocess
@@ -15,13 +16,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bank import loaded_bar, pressure
+from bank import beyond, loaded_bar, pressure, support
 from judged import case_of, large_by_night
 
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.point_mass import PointMass
+from palpate.meshes.problem import Element, Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.problem_files import save_problem
-from palpate.reference.tasks import StaticTask
+from palpate.meshes.rigid_tool import ContactRule, RigidTool, SphereShape, ToolPath
+from palpate.meshes.spring import AnchorPath, Spring
+from palpate.reference.result import Formulation
+from palpate.reference.schemes import Integrator
+from palpate.reference.tasks import ImplicitTask, StaticTask, SteppedTask
 from palpate.validation.case import builtin_cases
+from palpate.validation.diagnosis.law_simulators import example_material
 
 OTHER = os.environ.get("PALPATE_OTHER_PYTHON", "")
 
@@ -30,6 +38,7 @@ pytestmark = [
     pytest.mark.skipif(not OTHER, reason="PALPATE_OTHER_PYTHON names no second Python"),
 ]
 
+MIXED, VERTICES, FACETS = Formulation.MIXED, ContactRule.VERTICES, ContactRule.FACETS
 # At 1e-10 a single solve of the slenderest body is left as it is, with 5e-8 of its bending wrong.
 SOLVED_TO = 1e-11
 
@@ -104,6 +113,57 @@ def largest_difference(there, problem, strain, degree, tolerance=1e-9, element=E
 def test_the_other_version_gives_the_same_answer(there, strain, degree, element):
     problem = loaded_bar(loads=(pressure,))
     assert largest_difference(there, problem, strain, degree, element=element) < 1e-9
+
+
+def furnished(rule=None, *, law=Law.SAINT_VENANT_KIRCHHOFF, nu=0.4):
+    """Of two materials, with a pressure, a spring, a mass, and a slanted wall or a rough ball."""
+    problem = loaded_bar(loads=(pressure,))
+    mesh = problem.mesh
+    wall = support(mesh, "x1", normal=(1.0, 0.2, 0.1))
+    spring = Spring.on(mesh, (0.3, 0.0, 0.05), 0.08, 20.0, AnchorPath([0.0], [[0.0, 0.0, -0.01]]))
+    way = np.array([[0.2, 0.05, -0.052], [0.2, 0.05, -0.045], [0.205, 0.05, -0.045]])
+    if rule is not None:
+        ball = RigidTool(SphereShape(0.05), ToolPath([0.0, 0.05, 0.1], way), 0.3, contact=rule)
+    return dataclasses.replace(
+        problem,
+        material=example_material(law, nu),
+        inclusions=(Inclusion(beyond(mesh, 0.2), example_material(law, 0.35)),),
+        supports=(*problem.supports, wall) if rule is None else problem.supports,
+        springs=(spring,),
+        masses=(PointMass(mesh.facet_groups["x1"], 0.5),),
+        tools=() if rule is None else (ball,),
+        time=TimeSpan(0.1, 5e-4, 5.0, 5, stiffness_damping=1e-5),
+    )
+
+
+STILL = ("displacement", "cauchy_stress", "support_forces", "strain_energy")
+MOVING = ("displacements", "kinetic_energies", "strain_energies")
+
+
+@pytest.mark.parametrize(
+    ("options", "task", "names"),
+    [
+        ({"rule": FACETS}, StaticTask(), STILL),
+        ({"law": Law.OGDEN}, StaticTask(degree=2), STILL),
+        ({"law": Law.NEO_HOOKEAN, "nu": 0.49}, StaticTask(degree=2, formulation=MIXED), STILL),
+        (
+            {"rule": VERTICES},
+            SteppedTask(Integrator.CENTRAL_DIFFERENCES),
+            (*MOVING, "tool_forces"),
+        ),
+        ({}, ImplicitTask(degree=1), MOVING),
+    ],
+    ids=["facets", "stretches", "mixed", "explicit", "implicit"],
+)
+def test_all_that_a_body_may_have_is_the_same_in_the_other_version(there, options, task, names):
+    problem = furnished(**options)
+    if names is STILL:
+        problem = dataclasses.replace(problem, time=None)
+    other, here = there(problem, task), task(problem, print)
+    for name in names:
+        found, expected = getattr(other, name), np.asarray(getattr(here, name))
+        # Contact is settled to 1e-9 of the largest force.
+        assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max(), name
 
 
 # A hundred times as long as high: the last digits of what bends it are lost in what stretches it,

@@ -17,6 +17,8 @@ from palpate.reference.availability import is_available
 
 # How far inside a side of the box a row of vertices lies, over its half width.
 MARGINS = [0.0, 1e-9, 1e-6, 1e-4, 1e-3, 5e-3, 1e-2]
+# Outside, on the edge, within a step of it and beyond: each is another way in.
+AGAINST_THE_REFERENCE = [-1e-2, 0.0, 1e-6, 1e-3]
 # The row is so far from the middle; the other way the box is wider, and ends between two rows.
 ROW, FAR = 0.25, 0.35
 
@@ -77,8 +79,8 @@ def last(result: ContactResult) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.dolfinx
 @pytest.mark.skipif(not is_available(), reason="no FEniCSx")
-@pytest.mark.parametrize("ratio", [0.0, 0.2, 0.4])
-@pytest.mark.parametrize("margin", [-1e-2, *MARGINS])
+@pytest.mark.parametrize("ratio", [0.0, 0.4])
+@pytest.mark.parametrize("margin", AGAINST_THE_REFERENCE)
 def test_statics_are_those_of_the_reference_also_where_vertices_slide_off(
     margin: float, ratio: float
 ) -> None:
@@ -110,7 +112,7 @@ def test_steps_press_them_down(margin: float, form: ContactForm) -> None:
 @pytest.mark.dolfinx
 @pytest.mark.skipif(not is_available(), reason="no FEniCSx")
 @pytest.mark.parametrize("ratio", [0.0, 0.4])
-@pytest.mark.parametrize("margin", [-1e-2, *MARGINS])
+@pytest.mark.parametrize("margin", AGAINST_THE_REFERENCE)
 def test_steps_are_those_of_the_reference(margin: float, ratio: float) -> None:
     from palpate.reference.stepping import simulate_explicit
 
