@@ -24,6 +24,18 @@ namespace fastsim {
 void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const Matrix3> strains, std::span<Matrix3> stresses);
 
+/// What (S3) adds at each edge where cells are compressed.
+struct EdgeBlends {
+    std::vector<Matrix3> strains; // E_e
+    std::vector<double> beta, slope, bend, variance;
+
+    EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches,
+               std::span<const Matrix3> strains);
+};
+
+void add_blend(const ElasticCells &body, const SmoothingPatches &patches,
+               std::span<const Matrix3> strains, std::span<Matrix3> stresses);
+
 /// (S3), or (S7) by the law.
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement);
