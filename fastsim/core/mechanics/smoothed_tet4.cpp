@@ -1,9 +1,7 @@
 #include "mechanics/smoothed_tet4.hpp"
 
+#include "mechanics/compression_blend.hpp"
 #include "mechanics/smoothed_law.hpp"
-
-#include <algorithm>
-#include <cstdlib>
 
 namespace fastsim {
 
@@ -37,16 +35,6 @@ struct SmoothedStrains {
     }
 };
 
-double env(const char *name, double otherwise) {
-    const char *const found = std::getenv(name);
-    return found ? std::atof(found) : otherwise;
-}
-
-bool blends(const ElasticCells &body) {
-    return body.strain == StrainMeasure::green && body.law == Law::saint_venant_kirchhoff &&
-           env("BB", 0.8) > 0.0;
-}
-
 double dot(const Matrix3 &a, const Matrix3 &b) {
     double sum = 0.0;
     for (std::size_t j = 0; j < 9; ++j)
@@ -56,12 +44,13 @@ double dot(const Matrix3 &a, const Matrix3 &b) {
 
 } // namespace
 
+bool blends(const ElasticCells &body) {
+    return body.strain == StrainMeasure::green && body.law == Law::saint_venant_kirchhoff;
+}
+
 EdgeBlends::EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const Matrix3> of_cells)
     : beta(patches.num_edges(), 0.0), slope(beta), bend(beta), variance(beta) {
-    static const double most = env("BB", 0.8), q0 = env("BQ0", 0.2), q1 = env("BQ1", 0.7),
-                        cap = env("BCAP", 6.0);
-    static const bool by_nodes = env("BN", 0) > 0;
     SmoothedStrains smoothed(body, patches, of_cells);
     strains = std::move(smoothed.of_edges);
     if (!blends(body))
@@ -76,15 +65,11 @@ EdgeBlends::EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches
     for (std::size_t e = 0; e < beta.size(); ++e) {
         variance[e] -= dot(strains[e], strains[e]);
         const Moduli &m = body.materials[at(patches.edge_material[e])];
-        const double rate = -std::min(m.lmbda / m.mu + 2.0, cap) / (q1 - q0);
-        double t = trace(strains[e]);
-        if (by_nodes)
-            t = 0.5 * (smoothed.of_nodes[at(patches.edge_ends[e][0])] +
-                       smoothed.of_nodes[at(patches.edge_ends[e][1])]);
-        const double x = std::clamp(rate * t - q0 / (q1 - q0), 0.0, 1.0);
-        beta[e] = most * x * x * (3.0 - 2.0 * x);
-        slope[e] = by_nodes ? 0.0 : most * 6.0 * x * (1.0 - x) * rate;
-        bend[e] = by_nodes || x == 0.0 || x == 1.0 ? 0.0 : most * (6.0 - 12.0 * x) * rate * rate;
+        const double rate = blend_rate(m.lmbda, m.mu);
+        const CompressionBlend blend(rate * trace(strains[e]) - blend_onset / blend_width);
+        beta[e] = blend.beta;
+        slope[e] = rate * blend.slope;
+        bend[e] = rate * rate * blend.bend;
     }
 }
 
