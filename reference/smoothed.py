@@ -14,8 +14,8 @@ summed over nodes:
 
 The shear part is averaged over edges, which do not lock in bending; the volumetric part over nodes,
 of which there are too few for volumetric locking. Saint-Venant-Kirchhoff's law under Green strain
-takes back the former where cells are compressed: `compression_blend`. An edge or node where several materials meet has
-a patch of cells for each. For small strains all laws have the smoothed element of Hooke's law. The
+takes back the former where cells are compressed: `compression_blend`. An edge or node where several
+materials meet has a patch of cells for each. For small strains all laws have the smoothed element of Hooke's law. The
 rest state is free of stress, and a constant F is reproduced. S and p of a cell depend on the
 displacement of its neighbours too, so UFL gets them as functions that are constant in each cell;
 with B the derivatives of the cells' integrals of E and m, A the averages and D the moduli, the

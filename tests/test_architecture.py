@@ -246,7 +246,7 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        14250,
+        14280,
         "issue 35: smoothed cells that fold under a tool are named; "
         "issue 35: classes of cells, steps of several lengths; "
         "issue 37: critical cells of large meshes in one pass, progress in per cent; "
@@ -256,7 +256,7 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11140,
+        11290,
         "issue 35: contact over facets, friction there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
@@ -264,7 +264,7 @@ LINES = {
         "truths that end where they decide on it; critical loads by few solves",
     ),
     "validation": (
-        53840,
+        53920,
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
@@ -280,7 +280,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65500,
+        65590,
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
         "issue 38: no keys, fractions or empty bars on a report; "
@@ -313,7 +313,7 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2840,
+        2870,
         "issue 38: reports name what was not judged, and say what to do next; "
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 38: each case of a gate has its verdict, cells inside out; "
@@ -348,7 +348,7 @@ LINES = {
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
-        5480,
+        5520,
         "issue 38: where a law gives way; implicit steps of a diagnosis; "
         "issue 35: force that ripples while a tool slides, an impact's momentum and energy; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
@@ -360,7 +360,7 @@ LINES = {
         "against precision of press and strip; contact of others",
     ),
     "validation/references": (
-        3680,
+        3700,
         "issue 38: steps that do not divide the outputs, truths of what is judged alone; "
         "issue 39: corners and branches",
     ),

@@ -78,8 +78,9 @@ def test_smoothed_cells_that_are_compressed_are_those_of_ufl_and_of_the_judge(nu
     problem = Problem(mesh, material, (), (), inclusions=inclusions)
     rng = np.random.default_rng(7)
     u = mesh.points * [-0.05, -0.03, -0.12] + 0.02 * rng.standard_normal(mesh.points.shape)
-    body, judged = Body.of(problem, element=Element.SMOOTHED), JudgedBody(
-        problem, Strain.GREEN, Element.SMOOTHED
+    body, judged = (
+        Body.of(problem, element=Element.SMOOTHED),
+        JudgedBody(problem, Strain.GREEN, Element.SMOOTHED),
     )
     ours = body.internal_force(u)
     other = DiscreteProblem(problem, strain=Strain.GREEN, degree=1, element=Element.SMOOTHED)

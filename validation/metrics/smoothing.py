@@ -9,7 +9,8 @@ node n:
 Saint-Venant-Kirchhoff's, under Green strain, takes back the averaging over edges where they are
 compressed, with their variance v_e = sum of (V_c / 6) |E_c|^2 / V_e - |E_e|^2 and beta from 0 to 1:
 
-    W += sum of V_e mu beta v_e,  beta = x^2 (3 - 2 x),  x = (-tr E_e min(lmbda/mu + 2, 6) - 0.2) / 0.5
+    W   += sum of V_e mu beta v_e,  beta = x^2 (3 - 2 x)
+    x    = (-tr E_e min(lmbda/mu + 2, 6) - 0.2) / 0.5, from 0 to 1
 
 By another law W, whose part without lmbda goes over edges and lmbda/2 g^2 over nodes, with E_e and
 m_n = sum of (V_c / 4) m_c / V_n of m = J - 1 (of the corotational law tr U - 3):

@@ -13,8 +13,9 @@
 //     its diagonal: each node is at three of the six edges; then the forces, as of plain cells
 //
 // Under Green strain also what mechanics/compression_blend.hpp adds: 1 writes V_c times the square
-// of twice the strain, 4 scales the strain by 1 - beta, writes mu beta / 6 in the trace's place, and
-// adds what beta changes with to the nodes' part; 5 adds the cell's own strain times the former.
+// of twice the strain, 4 scales the strain by 1 - beta, writes mu beta / 6 in the trace's place,
+// and adds what beta changes with to the nodes' part; 5 adds the cell's own strain times the
+// former.
 //
 // In chunks of cells in the order of the points, so that 5 is about one bandwidth behind 1, and all
 // that passes between them lives in rings that stay in the cache. Where everything lies is worked

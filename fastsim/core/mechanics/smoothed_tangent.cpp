@@ -242,9 +242,9 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                 const double bend = 0.5 * blend->bend[e] * blend->variance[e];
                 for (std::size_t i = 0; i < 3; ++i)
                     for (std::size_t j = 0; j < 3; ++j)
-                        product[3 * i + j] =
-                            (1.0 - blend->beta[e]) * product[3 * i + j] + bend * s[i] * t[j] +
-                            blend->slope[e] * (v[i] * t[j] + s[i] * w[j]);
+                        product[3 * i + j] = (1.0 - blend->beta[e]) * product[3 * i + j] +
+                                             bend * s[i] * t[j] +
+                                             blend->slope[e] * (v[i] * t[j] + s[i] * w[j]);
             }
             for (std::size_t k = 0; k < 9; ++k)
                 block[k] += factor * product[k];

@@ -29,9 +29,9 @@ bool blends(const ElasticCells &body);
 
 /// What that takes at each edge, of strains of the cells; all 0 of a body that does not.
 struct EdgeBlends {
-    std::vector<Matrix3> strains;              // E_e
-    std::vector<double> beta, slope, bend;     // and beta's derivatives by tr E_e
-    std::vector<double> variance;              // v_e
+    std::vector<Matrix3> strains;          // E_e
+    std::vector<double> beta, slope, bend; // and beta's derivatives by tr E_e
+    std::vector<double> variance;          // v_e
 
     EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches,
                std::span<const Matrix3> of_cells);
