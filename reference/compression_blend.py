@@ -101,15 +101,15 @@ class CompressionBlend:
     def _differences(self, integrals: Floats, strains: Floats) -> Floats:
         """E_c - E_e, six rows of nine for each cell."""
         edge = self._edges.of_cell.ravel()
-        found: Floats = np.repeat(self._cell_strains(integrals), 6, axis=0)
-        return found - strains.reshape(-1, 9)[edge]
+        own = np.repeat(self._cell_strains(integrals), 6, axis=0)
+        found: Floats = own - strains.reshape(-1, 9)[edge]
+        return found
 
     def _variance(self, integrals: Floats, strains: Floats) -> Floats:
         edge = self._edges.of_cell.ravel()
         squared = (self._differences(integrals, strains) ** 2).sum(axis=1)
         weighed = np.repeat(self._volumes, 6) * self._share[edge] * squared
-        found: Floats = np.bincount(edge, weighed)
-        return found
+        return np.asarray(np.bincount(edge, weighed), dtype=np.float64)
 
     def _beta(self, strains: Floats) -> tuple[Floats, Floats, Floats]:
         """Beta with its derivatives by tr E_e."""

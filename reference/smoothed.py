@@ -155,7 +155,7 @@ class Smoothing:
     def stress(self, integrals: Integrals) -> Integrals:
         """S of the cells, flat, and p [Pa]."""
         strains, measures = self._averaged(integrals)
-        of_edges, of_cells = self._edge_law.stress(strains), 0.0
+        of_edges, of_cells = self._edge_law.stress(strains), np.zeros_like(integrals[0])
         if self._blend is not None:
             added, of_cells = self._blend.stresses(integrals[0], strains)
             of_edges = of_edges + added

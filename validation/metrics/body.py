@@ -265,10 +265,10 @@ class Body:
     def first_stress(self, H: Array) -> Array:
         """P of displacement gradients as the element takes it; H may be complex."""
         if self.is_linear_in_strain:
-            E, of = strain_of(H, self.strain), self.stress
+            E = strain_of(H, self.strain)
             if self._smoothing is not None and self.strain is Strain.GREEN:
-                of = self._smoothing.blended_stress
-            return push_forward(H, of(E), self.strain)
+                return push_forward(H, self._smoothing.blended_stress(E), self.strain)
+            return push_forward(H, self.stress(E), self.strain)
         if self._smoothing is not None:
             return self._smoothing.law_stress(self.law, H, self._terms)
         return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)

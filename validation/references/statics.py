@@ -147,7 +147,7 @@ def solve_same_mesh_again(
     Raises:
         ReferenceFailedError: Any of the solves fails.
     """
-    from palpate.validation.references.motions import solve_by_steps
+    from palpate.validation.references.runs import solve_by_steps
 
     states = dict(stored.states)
     for element, strain in itertools.product(Element, Strain):
