@@ -15,11 +15,11 @@ summed over nodes:
 The shear part is averaged over edges, which do not lock in bending; the volumetric part over nodes,
 of which there are too few for volumetric locking. Saint-Venant-Kirchhoff's law under Green strain
 takes back the former where cells are compressed: `compression_blend`. An edge or node where several
-materials meet has a patch of cells for each. For small strains all laws have the smoothed element of Hooke's law. The
-rest state is free of stress, and a constant F is reproduced. S and p of a cell depend on the
-displacement of its neighbours too, so UFL gets them as functions that are constant in each cell;
-with B the derivatives of the cells' integrals of E and m, A the averages and D the moduli, the
-tangent is its geometric part plus (A B)^T D (A B).
+materials meet has a patch of cells for each. For small strains all laws have the smoothed element
+of Hooke's law. The rest state is free of stress, and a constant F is reproduced. S and p of a cell
+depend on the displacement of its neighbours too, so UFL gets them as functions that are constant in
+each cell; with B the derivatives of the cells' integrals of E and m, A the averages and D the
+moduli, the tangent is its geometric part plus (A B)^T D (A B).
 
 G. R. Liu, T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010; C.-K. Lee, L. A. Mihai, J. S.
 Hale, P. Kerfriden, S. P. A. Bordas, Strain smoothing for compressible and nearly-incompressible
