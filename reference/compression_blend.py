@@ -12,14 +12,12 @@ shear part of the plain tetrahedra. Where E is the same in all cells of an edge 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
-
-if TYPE_CHECKING:
-    from palpate.reference.smoothed import Patches
+from palpate.reference.patch_matrices import Patches, sparse_matrix, with_rows_scaled
 
 _ONSET, _WIDTH, _LARGEST_RATIO = 0.2, 0.5, 6.0
 _DIAGONAL = np.array([0, 4, 8])
@@ -62,8 +60,6 @@ class CompressionBlend:
 
         `averages` gives the edges' strains from the integrals.
         """
-        from palpate.reference.smoothed import sparse_matrix, with_rows_scaled
-
         beta, slope, bend = self._beta(strains)
         weight = self._edges.volumes * self._mu
         variance = self._variance(integrals, strains)

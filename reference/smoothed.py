@@ -39,7 +39,6 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -54,6 +53,7 @@ from palpate.reference.compression_blend import CompressionBlend
 from palpate.reference.fenicsx import COMM, PETSc, fem, ufl
 from palpate.reference.laws import deformation_gradient, strain_tensor
 from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.patch_matrices import Patches, row_vector, sparse_matrix
 from palpate.reference.principal_laws import (
     COLUMNS,
     ROWS,
@@ -69,18 +69,6 @@ _VOLUME = 1.0 / 6.0
 # Integrals over cells of E, flat, nine per cell, and of m; or PETSc matrices of their derivatives.
 Integrals: TypeAlias = tuple[Floats, Floats]
 Rates: TypeAlias = tuple[Any, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Cells of one material around each edge, or around each node, and their volumes [m3].
-
-    `of_cell` is the patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes;
-    to the volume of each of them it adds an equal part of its own.
-    """
-
-    of_cell: Indices
-    volumes: Floats
 
 
 def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) -> Patches:
@@ -185,13 +173,13 @@ class Smoothing:
         changes = changes or rates
         left = self._of_edges.matMult(rates[0])
         forces = self._edge_law.moduli_times(strains, self._of_edges.matMult(changes[0]))
-        forces.diagonalScale(L=_vector(forces, np.repeat(self._edge_volumes, 9)))
+        forces.diagonalScale(L=row_vector(forces, np.repeat(self._edge_volumes, 9)))
         stiffness = left.transposeMatMult(forces)
         bends = np.ones_like(measures)
         if self._by_log:
             bends = (1.0 - np.log1p(measures)) / (1.0 + measures) ** 2
         left, forces = self._of_nodes.matMult(rates[1]), self._of_nodes.matMult(changes[1])
-        forces.diagonalScale(L=_vector(forces, self._node_volumes * self._lmbda * bends))
+        forces.diagonalScale(L=row_vector(forces, self._node_volumes * self._lmbda * bends))
         stiffness.axpy(1.0, left.transposeMatMult(forces))
         if self._blend is not None:
             stiffness.axpy(
@@ -310,7 +298,7 @@ class _HookesEdgeLaw:
     def moduli_times(self, strains: Floats, changes: Any) -> Any:
         """Changes of the flat stress by those of the flat strains, PETSc matrices."""
         del strains
-        changes.diagonalScale(L=_vector(changes, self._moduli))
+        changes.diagonalScale(L=row_vector(changes, self._moduli))
         return changes
 
 
@@ -414,19 +402,6 @@ def _averages(patches: Patches, dofs: Indices, size: int) -> Any:
     )
 
 
-def _vector(matrix: Any, values: Floats) -> Any:
-    vector = matrix.createVecLeft()
-    vector.array[:] = values
-    return vector
-
-
-def with_rows_scaled(matrix: Any, factors: Floats) -> Any:
-    """A copy of a PETSc matrix with its rows times factors."""
-    copy = matrix.copy()
-    copy.diagonalScale(L=_vector(copy, factors))
-    return copy
-
-
 def times(matrix: Any, values: Floats) -> Floats:
     """A PETSc matrix times a flat vector."""
     x, y = matrix.createVecs()
@@ -440,11 +415,3 @@ def _transposed_times(matrix: Any, values: Floats) -> Floats:
     y.array[:] = values
     matrix.multTranspose(y, x)
     return np.array(x.array)
-
-
-def sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
-    """The PETSc matrix with these entries, each of which occurs once."""
-    order = np.lexsort((columns, rows))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
-    csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])
-    return PETSc.Mat().createAIJ(shape, csr=csr, comm=COMM)

@@ -247,7 +247,8 @@ LINES = {
     ),
     "fastsim": (
         14280,
-        "issue 35: smoothed cells under compression; issue 35: smoothed cells that fold under a tool are named; "
+        "issue 35: cells under compression; "
+        "issue 35: smoothed cells that fold under a tool are named; "
         "issue 35: classes of cells, steps of several lengths; "
         "issue 37: critical cells of large meshes in one pass, progress in per cent; "
         "issue 35: small cells near tools, and where one touches first; "
@@ -256,8 +257,9 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11290,
-        "issue 35: smoothed cells under compression; issue 35: contact over facets, friction there, few that can be nearest; "
+        11300,
+        "issue 35: cells under compression; "
+        "issue 35: contact over facets, friction there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
@@ -265,7 +267,8 @@ LINES = {
     ),
     "validation": (
         53920,
-        "issue 35: smoothed cells under compression; issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
+        "issue 35: cells under compression; "
+        "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
         "issue 38: each case of a gate has its verdict; motions by other schemes; "
@@ -280,8 +283,9 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65590,
-        "issue 35: smoothed cells under compression; issue 35: cells that fold; "
+        65600,
+        "issue 35: cells under compression; "
+        "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
         "issue 38: no keys, fractions or empty bars on a report; "
         "issue 38: figures, the truth's record, hash of all inputs, modes of one flat cell; "
@@ -314,7 +318,8 @@ LINES = {
     ),
     "validation/commands": (
         2870,
-        "issue 35: build --same-mesh; issue 38: reports name what was not judged, and say what to do next; "
+        "issue 35: cells under compression; "
+        "issue 38: reports name what was not judged, and say what to do next; "
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 38: each case of a gate has its verdict, cells inside out; "
         "issue 37: `mesh --label`; issue 40: history of releases; issue 38: `init --copy`; "
@@ -349,7 +354,8 @@ LINES = {
     ),
     "validation/metrics": (
         5520,
-        "issue 35: smoothed cells under compression; issue 38: where a law gives way; implicit steps of a diagnosis; "
+        "issue 35: cells under compression; "
+        "issue 38: where a law gives way; implicit steps of a diagnosis; "
         "issue 35: force that ripples while a tool slides, an impact's momentum and energy; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
         "issue 38: steps that do not divide the outputs, where a motion leaves",
@@ -361,7 +367,8 @@ LINES = {
     ),
     "validation/references": (
         3700,
-        "issue 35: build --same-mesh; issue 38: steps that do not divide the outputs, truths of what is judged alone; "
+        "issue 35: cells under compression; "
+        "issue 38: steps that do not divide the outputs, truths of what is judged alone; "
         "issue 39: corners and branches",
     ),
     "validation/report": (
