@@ -13,12 +13,13 @@ summed over nodes:
     R(u; v) = integral of S : dE(v) + p dm(v)
 
 The shear part is averaged over edges, which do not lock in bending; the volumetric part over nodes,
-of which there are too few for volumetric locking. An edge or node where several materials meet has
-a patch of cells for each. For small strains all laws have the smoothed element of Hooke's law. The
-rest state is free of stress, and a constant F is reproduced. S and p of a cell depend on the
-displacement of its neighbours too, so UFL gets them as functions that are constant in each cell;
-with B the derivatives of the cells' integrals of E and m, A the averages and D the moduli, the
-tangent is its geometric part plus (A B)^T D (A B).
+of which there are too few for volumetric locking. Saint-Venant-Kirchhoff's law under Green strain
+takes back the former where cells are compressed: `compression_blend`. An edge or node where several
+materials meet has a patch of cells for each. For small strains all laws have the smoothed element
+of Hooke's law. The rest state is free of stress, and a constant F is reproduced. S and p of a cell
+depend on the displacement of its neighbours too, so UFL gets them as functions that are constant in
+each cell; with B the derivatives of the cells' integrals of E and m, A the averages and D the
+moduli, the tangent is its geometric part plus (A B)^T D (A B).
 
 G. R. Liu, T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010; C.-K. Lee, L. A. Mihai, J. S.
 Hale, P. Kerfriden, S. P. A. Bordas, Strain smoothing for compressible and nearly-incompressible
@@ -38,7 +39,6 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -49,9 +49,11 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx, laws
+from palpate.reference.compression_blend import CompressionBlend
 from palpate.reference.fenicsx import COMM, PETSc, fem, ufl
 from palpate.reference.laws import deformation_gradient, strain_tensor
 from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.patch_matrices import Patches, row_vector, sparse_matrix
 from palpate.reference.principal_laws import (
     COLUMNS,
     ROWS,
@@ -67,18 +69,6 @@ _VOLUME = 1.0 / 6.0
 # Integrals over cells of E, flat, nine per cell, and of m; or PETSc matrices of their derivatives.
 Integrals: TypeAlias = tuple[Floats, Floats]
 Rates: TypeAlias = tuple[Any, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Cells of one material around each edge, or around each node, and their volumes [m3].
-
-    `of_cell` is the patches of each cell, shape (num_cells, 6) for edges, (num_cells, 4) for nodes;
-    to the volume of each of them it adds an equal part of its own.
-    """
-
-    of_cell: Indices
-    volumes: Floats
 
 
 def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) -> Patches:
@@ -103,7 +93,8 @@ class Smoothing:
     """The averages of a body and their law: stresses of cells from the integrals of E and m.
 
     Moduli are Lamé's parameters and c01 [Pa], functions that are constant in each cell; if
-    `is_hookean`, S is linear in E whatever the law, without c01.
+    `is_hookean`, S is linear in E whatever the law, without c01, but for what is added where cells
+    are compressed, if it `blends`.
 
     Raises:
         InputError: The degree is not 1, or there is more than one rank.
@@ -116,6 +107,7 @@ class Smoothing:
         moduli: Sequence[Any],
         *,
         is_hookean: bool,
+        blends: bool = False,
     ) -> None:
         if space.degree != 1:
             raise InputError(f"degree = {space.degree}: smoothed tetrahedra are of degree 1")
@@ -141,17 +133,25 @@ class Smoothing:
         edge_law: type[_HookesEdgeLaw | _EdgeLawOfStretches | _EdgeLaw]
         edge_law = _HookesEdgeLaw if is_hookean else of_law
         self._edge_law = edge_law(material, *of_edge[:, 1:].T)
+        self._blend: CompressionBlend | None = None
+        if blends:
+            dofs = fenicsx.cell_dofs(self.tensors)[:, 0]
+            self._blend = CompressionBlend(edges, dofs, volumes, *of_edge[:, :2].T)
         self._lmbda = np.empty(len(nodes.volumes))
         self._lmbda[nodes.of_cell] = constants[:, :1]
 
     def stress(self, integrals: Integrals) -> Integrals:
         """S of the cells, flat, and p [Pa]."""
         strains, measures = self._averaged(integrals)
-        forces = np.repeat(self._edge_volumes, 9) * self._edge_law.stress(strains)
+        of_edges, of_cells = self._edge_law.stress(strains), np.zeros_like(integrals[0])
+        if self._blend is not None:
+            added, of_cells = self._blend.stresses(integrals[0], strains)
+            of_edges = of_edges + added
+        forces = np.repeat(self._edge_volumes, 9) * of_edges
         slopes = np.log1p(measures) / (1.0 + measures) if self._by_log else measures
         pressures = self._node_volumes * self._lmbda * slopes
         return (
-            _transposed_times(self._of_edges, forces),
+            _transposed_times(self._of_edges, forces) + of_cells,
             _transposed_times(self._of_nodes, pressures),
         )
 
@@ -160,7 +160,8 @@ class Smoothing:
         strains, measures = self._averaged(integrals)
         g = np.log1p(measures) if self._by_log else measures
         of_nodes = self._node_volumes @ (0.5 * self._lmbda * g**2)
-        return float(self._edge_volumes @ self._edge_law.energies(strains) + of_nodes)
+        added = 0.0 if self._blend is None else self._blend.energy(integrals[0], strains)
+        return float(self._edge_volumes @ self._edge_law.energies(strains) + of_nodes) + added
 
     def stiffness(self, integrals: Integrals, rates: Rates, changes: Rates | None = None) -> Any:
         """(A B)^T D (A B'), a new PETSc matrix, with D at some integrals.
@@ -172,14 +173,18 @@ class Smoothing:
         changes = changes or rates
         left = self._of_edges.matMult(rates[0])
         forces = self._edge_law.moduli_times(strains, self._of_edges.matMult(changes[0]))
-        forces.diagonalScale(L=_vector(forces, np.repeat(self._edge_volumes, 9)))
+        forces.diagonalScale(L=row_vector(forces, np.repeat(self._edge_volumes, 9)))
         stiffness = left.transposeMatMult(forces)
         bends = np.ones_like(measures)
         if self._by_log:
             bends = (1.0 - np.log1p(measures)) / (1.0 + measures) ** 2
         left, forces = self._of_nodes.matMult(rates[1]), self._of_nodes.matMult(changes[1])
-        forces.diagonalScale(L=_vector(forces, self._node_volumes * self._lmbda * bends))
+        forces.diagonalScale(L=row_vector(forces, self._node_volumes * self._lmbda * bends))
         stiffness.axpy(1.0, left.transposeMatMult(forces))
+        if self._blend is not None:
+            stiffness.axpy(
+                1.0, self._blend.stiffness(integrals[0], strains, rates[0], self._of_edges)
+            )
         return stiffness
 
     def _averaged(self, integrals: Integrals) -> Integrals:
@@ -206,7 +211,13 @@ class SmoothedBody:
         moduli: tuple[Any, Any, Any],
     ) -> None:
         is_hookean = strain is Strain.LINEAR or material.law.is_linear_in_strain
-        smoothing = Smoothing(space, material, moduli, is_hookean=is_hookean)
+        smoothing = Smoothing(
+            space,
+            material,
+            moduli,
+            is_hookean=is_hookean,
+            blends=is_hookean and strain is Strain.GREEN,
+        )
         self.smoothing, mesh = smoothing, space.transferred.mesh
         self._dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 0})
         T, q = ufl.TestFunction(smoothing.tensors), ufl.TestFunction(smoothing.scalars)
@@ -287,7 +298,7 @@ class _HookesEdgeLaw:
     def moduli_times(self, strains: Floats, changes: Any) -> Any:
         """Changes of the flat stress by those of the flat strains, PETSc matrices."""
         del strains
-        changes.diagonalScale(L=_vector(changes, self._moduli))
+        changes.diagonalScale(L=row_vector(changes, self._moduli))
         return changes
 
 
@@ -391,12 +402,6 @@ def _averages(patches: Patches, dofs: Indices, size: int) -> Any:
     )
 
 
-def _vector(matrix: Any, values: Floats) -> Any:
-    vector = matrix.createVecLeft()
-    vector.array[:] = values
-    return vector
-
-
 def times(matrix: Any, values: Floats) -> Floats:
     """A PETSc matrix times a flat vector."""
     x, y = matrix.createVecs()
@@ -410,11 +415,3 @@ def _transposed_times(matrix: Any, values: Floats) -> Floats:
     y.array[:] = values
     matrix.multTranspose(y, x)
     return np.array(x.array)
-
-
-def sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
-    """The PETSc matrix with these entries, each of which occurs once."""
-    order = np.lexsort((columns, rows))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
-    csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])
-    return PETSc.Mat().createAIJ(shape, csr=csr, comm=COMM)

@@ -247,8 +247,9 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        14520,
+        14550,
         "issue 37: what pierces a wall is pushed back; the union of bodies; "
+        "issue 35: cells under compression; "
         "issue 35: smoothed cells that fold under a tool are named; "
         "issue 35: classes of cells, steps of several lengths; "
         "issue 37: critical cells of large meshes in one pass, progress in per cent; "
@@ -258,7 +259,8 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11160,
+        11320,
+        "issue 35: cells under compression; "
         "issue 35: contact over facets, friction there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
@@ -267,7 +269,8 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        53820,
+        53920,
+        "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
         "issue 38: bands, truth's record, figures that hide nothing, hash of all inputs; "
@@ -283,8 +286,9 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65630,
+        65720,
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level; "
+        "issue 35: cells under compression; "
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
         "issue 38: no keys, fractions or empty bars on a report; "
@@ -317,7 +321,8 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2840,
+        2870,
+        "issue 35: cells under compression; "
         "issue 38: reports name what was not judged, and say what to do next; "
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "
         "issue 38: each case of a gate has its verdict, cells inside out; "
@@ -352,7 +357,8 @@ LINES = {
         "issue 38: inclusions inside, poses are brought to rest, answers in words by the buttons",
     ),
     "validation/metrics": (
-        5480,
+        5520,
+        "issue 35: cells under compression; "
         "issue 38: where a law gives way; implicit steps of a diagnosis; "
         "issue 35: force that ripples while a tool slides, an impact's momentum and energy; "
         "issue 33: one way to measure; issue 36: tracks of markers on a real body, pins; "
@@ -364,7 +370,8 @@ LINES = {
         "against precision of press and strip; contact of others",
     ),
     "validation/references": (
-        3670,
+        3700,
+        "issue 35: cells under compression; "
         "issue 38: steps that do not divide the outputs, truths of what is judged alone; "
         "issue 39: corners and branches",
     ),

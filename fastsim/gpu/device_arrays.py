@@ -114,6 +114,7 @@ def patch_arrays(
         strains=make.zeros((num_bodies, len(corners)), make.vec6),
         stresses=make.zeros((num_bodies, edges.count), make.vec6),
         pressures=make.zeros((num_bodies, nodes.count), make.real),
+        **make.named_zeros("blends presses", (num_bodies, edges.count), make.real),
     )
 
 

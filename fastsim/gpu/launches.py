@@ -119,7 +119,7 @@ class Launches:
             self._launch("force_cells", cells.count, cells)
         else:
             self._launch("strain_cells", cells.count, p, cells)
-            self._launch("smooth_edges", p.edges.count, p.edges, p)
+            self._launch("smooth_edges", p.edges.count, p.edges, p, cells)
             self._launch("smooth_nodes", p.nodes.count, p.nodes, p)
             self._launch("force_smoothed_cells", cells.count, p, cells)
         if not self.common.is_atomic:

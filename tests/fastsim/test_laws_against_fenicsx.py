@@ -13,7 +13,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
 from palpate.meshes.bricks import brick_box, side
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Element, Inclusion, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.diagnosis.law_simulators import example_material, following
 
@@ -66,6 +66,42 @@ def test_force_energy_and_tangent_are_those_of_ufl(law: Law, element: Element) -
     change = other.at_points(np.array(y.array))
     body.core.assemble_tangent(u)
     assert np.abs(body.core.multiply(way) - change).max() < 1e-12 * np.abs(change).max()
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
+def test_smoothed_cells_that_are_compressed_are_those_of_ufl_and_of_the_judge(nu: float) -> None:
+    """Saint-Venant-Kirchhoff's, between the plain element and the smoothed one, and beyond."""
+    from palpate.reference.discrete_problem import DiscreteProblem
+    from palpate.validation.metrics.body import Body as JudgedBody
+
+    mesh = brick_box((5, 4, 4), (1.0, 0.8, 0.8), ragged=0.2)
+    material = Material(1e4, nu)
+    inclusions = (Inclusion(np.arange(50), Material(3e3, 0.2)),)
+    problem = Problem(mesh, material, (), (), inclusions=inclusions)
+    rng = np.random.default_rng(7)
+    u = mesh.points * [-0.05, -0.03, -0.12] + 0.02 * rng.standard_normal(mesh.points.shape)
+    body, judged = (
+        Body.of(problem, element=Element.SMOOTHED),
+        JudgedBody(problem, Strain.GREEN, Element.SMOOTHED),
+    )
+    ours = body.internal_force(u)
+    other = DiscreteProblem(problem, strain=Strain.GREEN, degree=1, element=Element.SMOOTHED)
+    flat = other.space.from_points(u)
+    for theirs in (other.at_points(other.internal_force(flat)), judged.internal(u)):
+        assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
+    for energy in (other.strain_energy(flat), judged.energy(u)):
+        assert body.strain_energy(u) == pytest.approx(energy, rel=1e-12)
+    matrix = other.tangent(flat, 0.0)
+    x, y = matrix.createVecs()
+    way = rng.standard_normal(u.shape)
+    x.array[:] = other.space.from_points(way)
+    matrix.mult(x, y)
+    change = other.at_points(np.array(y.array))
+    body.core.assemble_tangent(u)
+    assert np.abs(body.core.multiply(way) - change).max() < 1e-12 * np.abs(change).max()
+    h = 1e-6
+    ahead, behind = (body.internal_force(u + s * way) for s in (h, -h))
+    assert np.abs(ahead - behind - 2 * h * change).max() < 2e-7 * h * np.abs(change).max()
 
 
 def bar(mesh: TetMesh, law: Law, span: TimeSpan | None) -> Problem:

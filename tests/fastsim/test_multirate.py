@@ -115,6 +115,8 @@ class OwnScheme:
             stress = np.where(shear > 0.0, shear * mean, self.lmbda / 4.0 * trace * np.eye(3))
             stress[self.of_patches != number] = 0.0
             np.add.at(S, self.cell, stress[self.patch])
+            if self.is_green:
+                self.add_blend(strain, mean, S, self.is_edge & (self.of_patches == number))
         else:
             trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
             S = self.lmbda * trace * np.eye(3) + 2.0 * self.mu * strain
@@ -126,6 +128,19 @@ class OwnScheme:
             np.add.at(out, self.cells[:, k + 1], -of_corners[:, :, k])
             np.add.at(out, self.cells[:, 0], of_corners[:, :, k])
         return out
+
+    def add_blend(
+        self, strain: np.ndarray, mean: np.ndarray, S: np.ndarray, is_in: np.ndarray
+    ) -> None:
+        """What goes back to the plain cells where these edges are compressed."""
+        parts = (strain[self.cell] - mean[self.patch], self.volumes[self.cell])
+        squares = np.bincount(self.patch, parts[1] * (parts[0] ** 2).sum(axis=(1, 2)))
+        rate = -min(self.lmbda / self.mu + 2.0, 6.0) / 0.5
+        x = np.clip(rate * np.trace(mean, axis1=1, axis2=2) - 0.4, 0.0, 1.0) * is_in
+        pressed = self.mu / 6.0 * rate * 6.0 * x * (1.0 - x) * squares / self.around
+        own = self.mu / 3.0 * x * x * (3.0 - 2.0 * x)
+        added = own[self.patch, None, None] * parts[0]
+        np.add.at(S, self.cell, added + pressed[self.patch, None, None] * np.eye(3))
 
     def inner(self, level: int, z: np.ndarray, frozen: np.ndarray, h: float) -> np.ndarray:
         """The mean acceleration over h of classes from `level` on, of two stabilized half steps."""

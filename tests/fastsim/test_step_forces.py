@@ -93,6 +93,20 @@ def test_the_sweep_of_a_body_beyond_the_cache_gives_the_plain_force(
     assert distance(force_of_step(body, u, at_most=at_most), body.internal_force(u)) < 1e-13
 
 
+@SETS
+@SINGLE
+def test_the_sweep_goes_over_to_plain_cells_where_they_are_compressed(
+    at_most: _core.InstructionSet, is_single: bool
+) -> None:
+    """Edges between the two elements and beyond, of two materials."""
+    mesh = brick_box((6, 4, 4), (1.5, 1.0, 1.0), ragged=0.2)
+    other = Inclusion(np.arange(0, 100, 3, dtype=np.int32), Material(5e4, 0.1))
+    body = Body(mesh, SOFT, element=Element.SMOOTHED, inclusions=(other,))
+    u = mesh.points * [-0.04, -0.03, -0.1] + shake(mesh, 0.01)
+    force = force_of_step(body, u, is_single=is_single, num_threads=2, at_most=at_most)
+    assert distance(force, body.internal_force(u)) < (2e-5 if is_single else 1e-12)
+
+
 @LAWS
 @pytest.mark.parametrize(
     ("element", "at_most", "num_threads"),

@@ -173,7 +173,10 @@ class Body:
             moduli = (self.lmbda, self.mu, self.c01, self._terms)
             return float(self.volumes @ energy_density(self.law, H, *moduli))
         E = strain_of(self.gradient(displacement), self.strain)
-        return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
+        energy = 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
+        if self._smoothing is not None and self.strain is Strain.GREEN:
+            energy += self._smoothing.blend_energy(E)
+        return energy
 
     @property
     def is_smoothed(self) -> bool:
@@ -214,7 +217,8 @@ class Body:
             elif self._smoothing is not None and law in MEASURES:
                 smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
                 measure = MEASURES[law]
-                stress = push_forward(H, smoothing.stress(strain_of(H, measure)), measure)
+                of = smoothing.blended_stress if measure is Strain.GREEN else smoothing.stress
+                stress = push_forward(H, of(strain_of(H, measure)), measure)
             else:
                 stress = law(H, *(lame or (self.lmbda, self.mu)))
         except np.linalg.LinAlgError:
@@ -261,7 +265,10 @@ class Body:
     def first_stress(self, H: Array) -> Array:
         """P of displacement gradients as the element takes it; H may be complex."""
         if self.is_linear_in_strain:
-            return push_forward(H, self.stress(strain_of(H, self.strain)), self.strain)
+            E = strain_of(H, self.strain)
+            if self._smoothing is not None and self.strain is Strain.GREEN:
+                return push_forward(H, self._smoothing.blended_stress(E), self.strain)
+            return push_forward(H, self.stress(E), self.strain)
         if self._smoothing is not None:
             return self._smoothing.law_stress(self.law, H, self._terms)
         return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)

@@ -6,6 +6,12 @@ node n:
     E_e     = sum of (V_c / 6) E_c / V_e         theta_n = sum of (V_c / 4) tr E_c / V_n
     S_c     = sum over its edges of 2 mu E_e / 6  +  sum over its nodes of lmbda theta_n / 4  I
 
+Saint-Venant-Kirchhoff's, under Green strain, takes back the averaging over edges where they are
+compressed, with their variance v_e = sum of (V_c / 6) |E_c|^2 / V_e - |E_e|^2 and beta from 0 to 1:
+
+    W   += sum of V_e mu beta v_e,  beta = x^2 (3 - 2 x)
+    x    = (-tr E_e min(lmbda/mu + 2, 6) - 0.2) / 0.5, from 0 to 1
+
 By another law W, whose part without lmbda goes over edges and lmbda/2 g^2 over nodes, with E_e and
 m_n = sum of (V_c / 4) m_c / V_n of m = J - 1 (of the corotational law tr U - 3):
 
@@ -64,6 +70,30 @@ class Smoothing:
         diagonal = np.arange(3)
         S[:, diagonal, diagonal] += (self._lmbda * theta)[:, None]
         return S
+
+    def blended_stress(self, E: Array) -> Array:
+        """S of Green strains by cell [Pa], which may be complex, (num_cells, 3, 3)."""
+        means, beta, slope, variance = self._blend(E)
+        edges, mu = self._edges, self._mu[:, None, None]
+        own = beta[edges].mean(axis=1)[:, None, None] * E
+        own -= (beta[:, None, None] * means)[edges].mean(axis=1)
+        pressed = (slope * variance)[edges].mean(axis=1)[:, None, None] * np.eye(3)
+        return np.asarray(self.stress(E) + 2.0 * mu * own + mu * pressed)
+
+    def blend_energy(self, E: Array) -> float:
+        """What is added to half the integral of E : `stress` [J]."""
+        _, beta, _, variance = self._blend(E)
+        return float(self._volumes @ (self._mu * (beta * variance)[self._edges].mean(axis=1)))
+
+    def _blend(self, E: Array) -> tuple[Array, Array, Array, Array]:
+        """E_e, beta, its derivative by tr E_e, and v_e of each edge."""
+        means = self._patch_means(self._edges, E.reshape(-1, 9))
+        squares = self._patch_means(self._edges, (E * E).sum(axis=(1, 2))[:, None])[:, 0]
+        rate = -_by_patch(self._edges, np.minimum(self._lmbda / self._mu + 2.0, 6.0)) / 0.5
+        x = rate * means[:, [0, 4, 8]].sum(axis=1) - 0.4
+        x = np.where(x.real <= 0.0, 0.0, np.where(x.real >= 1.0, 1.0, x))
+        beta, slope = x * x * (3.0 - 2.0 * x), rate * 6.0 * x * (1.0 - x)
+        return means.reshape(-1, 3, 3), beta, slope, squares - (means * means).sum(axis=1)
 
     def law_energy(self, law: Law, H: Array, terms: OgdenTerms = ()) -> float:
         """Stored energy of displacement gradients by cell by another law [J]."""

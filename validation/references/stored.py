@@ -158,6 +158,19 @@ def load_checked(
     return references
 
 
+def read_for(problem: Problem, path: Path) -> ReferenceSet:
+    """A stored set of a problem whose states on the case's mesh need not be right any more.
+
+    Raises:
+        MissingReferenceError, UntrustedReferenceError: As of `load_stored`.
+        StaleReferenceError: It was made for something else.
+    """
+    references, key = read_reference(path)
+    if key != problem_key(problem):
+        raise StaleReferenceError(f"{path.name} was made for another problem: build it whole")
+    return references
+
+
 def accept_pending(
     name: str, problem: Problem, acceptance: dict[str, Any], *, beside: Path | None = None
 ) -> Path:

@@ -15,7 +15,8 @@ CellForces<Real>::CellForces(const ElasticBody &body, std::unique_ptr<InternalFo
     for (std::size_t t = 1; t < _parts.size(); ++t)
         _parts[t].assign(records.padded_size(), Real(0));
     // Where stress is linear in strain one sum does, unless the balance wants them apart.
-    if (_damps_strain && (damping.is_balanced || !body.elastic.is_linear_in_strain()))
+    if (_damps_strain && (damping.is_balanced || !body.elastic.is_linear_in_strain() ||
+                          (body.patches && blends(body.elastic))))
         _viscous = InternalForce<Real>::make_viscous(body, records, kernel, _parts.size());
     if (_damps_strain && damping.is_balanced)
         _viscous_parts.assign(_parts.size(), AlignedVector<Real>(records.padded_size(), Real(0)));

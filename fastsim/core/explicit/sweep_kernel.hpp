@@ -12,17 +12,28 @@
 //  5. cells all of whose nodes are done: S_c is the sum of six edges' records, the nodes' part on
 //     its diagonal: each node is at three of the six edges; then the forces, as of plain cells
 //
+// Under Green strain also what mechanics/compression_blend.hpp adds: 1 writes V_c times the square
+// of twice the strain, 4 scales the strain by 1 - beta, writes mu beta / 6 in the trace's place,
+// and adds what beta changes with to the nodes' part; 5 adds the cell's own strain times the
+// former.
+//
 // In chunks of cells in the order of the points, so that 5 is about one bandwidth behind 1, and all
 // that passes between them lives in rings that stay in the cache. Where everything lies is worked
 // out beforehand: sweep_plan.hpp.
 
 #include "explicit/step_kernel.hpp"
+#include "mechanics/compression_blend.hpp"
 
 namespace fastsim {
 
 inline constexpr std::size_t sweep_record = 8; // numbers
 inline constexpr std::size_t trace_entry = 6;  // of a record
-inline constexpr std::size_t nodes_entry = 7;  // the sum of an edge's nodes
+inline constexpr std::size_t nodes_entry = 7;  // the sum of an edge's nodes; before, of squares
+
+/// Of an edge: mu, and 1 / (24 V_e).
+template <typename Real> struct EdgeModuli {
+    Real mu, over_volume;
+};
 
 /// Edges of as many cells each, with neighbouring records.
 struct EdgeGroup {
@@ -57,6 +68,8 @@ template <typename Real> struct SweepJob {
     const std::int32_t *node_edges;  // each group: edges x width, entries of traces
     const Real *node_weight;
     const EdgeEnds *edge_ends;
+    const Real *blend_rates; // of each of these: of x by the trace in its record
+    const EdgeModuli<Real> *blend_moduli;
     Real *cell_records, *gradients, *edge_records, *node_values; // the rings, and by node
     std::size_t record_ring, gradient_ring;                      // batches
     bool is_green;

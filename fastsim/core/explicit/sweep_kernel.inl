@@ -36,9 +36,12 @@ inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, s
         gather_edges<Pack>(job.change.increment, job.corners + 4 * width * batch, changes);
     twice_strain_asked<is_green, of_change>(job.change, rest, h, changes, e);
     e[trace_entry] = e[0] + e[1] + e[2];
-    for (std::size_t k = 0; k <= trace_entry; ++k)
+    e[nodes_entry] = V{};
+    if constexpr (is_green && !of_change)
+        e[nodes_entry] = e[0] * e[0] + e[1] * e[1] + e[2] * e[2] +
+                         Real(2) * (e[3] * e[3] + e[4] * e[4] + e[5] * e[5]);
+    for (std::size_t k = 0; k < sweep_record; ++k)
         e[k] *= rest[9];
-    e[sweep_record - 1] = V{};
     if constexpr (is_green) {
         V *const kept = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
         for (std::size_t k = 0; k < 9; ++k)
@@ -109,8 +112,24 @@ const std::int32_t *sum_group(const SweepJob<typename Pack::Real> &job, const Ed
     }
 }
 
+/// Blends an edge's record where it is compressed: x above 0.
+template <typename Real>
+void blend_edge(Real *record, Real x, Real rate, const EdgeModuli<Real> &moduli, Real squares) {
+    const CompressionBlend<Real> blend(x);
+    Real squared = 0;
+    for (std::size_t k = 0; k < 6; ++k) {
+        squared += (k < 3 ? Real(1) : Real(2)) * record[k] * record[k];
+        record[k] *= Real(1) - blend.beta;
+    }
+    // mu v_e, of records that are mu / 3 times E_e.
+    const Real variance = moduli.mu * squares * moduli.over_volume - Real(9) * squared / moduli.mu;
+    record[trace_entry] = moduli.mu * blend.beta * Real(1.0 / 6.0);
+    // The record's trace is 12 V_e tr E_e.
+    record[nodes_entry] += blend.slope * rate * variance / (Real(12) * moduli.over_volume);
+}
+
 /// Adds the forces of one of the own batches.
-template <typename Pack, bool is_green, Ahead ahead>
+template <typename Pack, bool is_green, bool of_change, Ahead ahead>
 inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t own) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -131,9 +150,15 @@ inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t ow
     for (std::size_t p = 0; p < parts; ++p)
         Pack::transpose(s + p * width);
     const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
+    const V *const h = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
+    if constexpr (is_green && !of_change) {
+        V e[6];
+        twice_strain<true>(h, e);
+        for (std::size_t k = 0; k < 6; ++k)
+            s[k] += s[trace_entry] * e[k];
+    }
     for (std::size_t k = 0; k < 6; ++k)
         s[k] = rest[9] * (k < 3 ? s[k] + s[nodes_entry] : s[k]);
-    const V *const h = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
     V forces[9];
     forces_by<is_green>(h, rest, s, forces);
     scatter_forces<Pack>(job.force, job.corners + 4 * width * batch, forces);
@@ -173,11 +198,20 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
         for (; ended < chunk.edge_ends; ++ended) {
             const EdgeEnds &edge = job.edge_ends[ended];
             prefetch_ahead<ahead, 1>(&edge);
-            job.edge_records[edge.entry + nodes_entry] =
+            Real *const record = job.edge_records + edge.entry;
+            const Real squares = record[nodes_entry];
+            record[nodes_entry] =
                 job.node_values[edge.first_node] + job.node_values[edge.second_node];
+            if constexpr (is_green && !of_change) {
+                const Real rate = job.blend_rates[ended];
+                const Real x = rate * record[trace_entry] - Real(blend_onset / blend_width);
+                record[trace_entry] = 0;
+                if (x > Real(0))
+                    blend_edge(record, x, rate, job.blend_moduli[ended], squares);
+            }
         }
         for (; forced < chunk.forced_batches; ++forced)
-            force_batch<Pack, is_green, ahead>(job, forced);
+            force_batch<Pack, is_green, of_change, ahead>(job, forced);
     }
     return least_of<Pack>(smallest);
 }

@@ -41,6 +41,25 @@ StrainRate strain_rate(const Matrix3 &f, const Vector3 &g) {
     return d;
 }
 
+std::array<double, 6> mandel(const Matrix3 &e) {
+    static const double root = std::sqrt(2.0);
+    return {e[0], e[4], e[8], root * e[5], root * e[2], root * e[1]};
+}
+
+/// What a symmetric tensor does along a rate.
+Vector3 times(const std::array<double, 6> &tensor, const StrainRate &rate) {
+    Vector3 found{};
+    for (std::size_t m = 0; m < 6; ++m)
+        for (std::size_t k = 0; k < 3; ++k)
+            found[k] += tensor[m] * rate[m][k];
+    return found;
+}
+
+Vector3 trace(const StrainRate &rate) {
+    return {rate[0][0] + rate[1][0] + rate[2][0], rate[0][1] + rate[1][1] + rate[2][1],
+            rate[0][2] + rate[1][2] + rate[2][2]};
+}
+
 StrainRate times(const Mandel6 &moduli, const StrainRate &rate) {
     StrainRate found{};
     for (std::size_t i = 0; i < 6; ++i)
@@ -172,8 +191,13 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     };
     const Groups of_edges = rows_naming(patches.cell_edges, 6, patches.num_edges());
     PatchSums<StrainRate> edge(matrix.num_points);
+    PatchSums<Vector3> work(matrix.num_points);
     std::vector<StrainRate> moduli_times;
-    for (std::size_t e = 0; e < patches.num_edges(); ++e, edge.clear()) {
+    std::optional<EdgeBlends> blend;
+    if (!law)
+        blend.emplace(body, patches, stresses);
+    for (std::size_t e = 0; e < patches.num_edges(); ++e, edge.clear(), work.clear()) {
+        const bool blended = blend && blend->beta[e] > 0.0;
         for (const Index cell : of_edges.of(e)) {
             const std::size_t c = at(cell);
             const double part = body.rest.volumes[c] / 6.0 / patches.edge_volume[e];
@@ -183,8 +207,20 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                 for (std::size_t m = 0; m < 6; ++m)
                     for (std::size_t k = 0; k < 3; ++k)
                         sum[m][k] += part * d[m][k];
+                if (blended) {
+                    Vector3 &of = work.of(point);
+                    const Vector3 w = times(mandel(stresses[c]), d);
+                    for (std::size_t k = 0; k < 3; ++k)
+                        of[k] += part * w[k];
+                }
             });
         }
+        if (blended)
+            for (std::size_t a = 0; a < work.sums.size(); ++a) {
+                const Vector3 w = times(mandel(blend->strains[e]), edge.sums[a]);
+                for (std::size_t k = 0; k < 3; ++k)
+                    work.sums[a][k] -= w[k];
+            }
         double factor = weight * patches.edge_volume[e];
         if (law) {
             moduli_times.clear();
@@ -200,6 +236,16 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                 for (std::size_t i = 0; i < 3; ++i)
                     for (std::size_t j = 0; j < 3; ++j)
                         product[3 * i + j] += left[m][i] * right[m][j];
+            if (blended) {
+                const Vector3 s = trace(left), t = trace(right);
+                const Vector3 &v = work.sums[a], &w = work.sums[b];
+                const double bend = 0.5 * blend->bend[e] * blend->variance[e];
+                for (std::size_t i = 0; i < 3; ++i)
+                    for (std::size_t j = 0; j < 3; ++j)
+                        product[3 * i + j] = (1.0 - blend->beta[e]) * product[3 * i + j] +
+                                             bend * s[i] * t[j] +
+                                             blend->slope[e] * (v[i] * t[j] + s[i] * w[j]);
+            }
             for (std::size_t k = 0; k < 9; ++k)
                 block[k] += factor * product[k];
         });
@@ -229,10 +275,18 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     if (!is_green)
         return;
     std::array<Matrix3, 16> bends{};
-    if (!law)
-        smoothed_stresses(body, patches, stresses, stresses);
+    if (!law) {
+        const std::vector<Matrix3> strains = stresses;
+        smoothed_stresses(body, patches, strains, stresses);
+        add_blend(body, patches, strains, stresses);
+    }
     for (std::size_t c = 0; c < body.size(); ++c) {
         const auto g = all_gradients(body.rest.gradients[c]);
+        double own = 0.0;
+        if (blend)
+            for (std::size_t k = 0; k < 6; ++k)
+                own += blend->beta[at(patches.cell_edges[6 * c + k])] / 6.0;
+        own *= 2.0 * body.moduli_of(c).mu * weight * body.rest.volumes[c];
         if (law)
             bends = volume_bends(body, c, displacement, weight * law->pressures[c]);
         visit_blocks(matrix, std::span(body.cells).subspan(4 * c, 4),
@@ -243,6 +297,14 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                              (g[a][0] * sg[0] + g[a][1] * sg[1] + g[a][2] * sg[2]);
                          for (std::size_t i = 0; i < 9; i += 4)
                              block[i] += geometric;
+                         if (own > 0.0) {
+                             const StrainRate da = strain_rate(deformations[c], g[a]),
+                                              db = strain_rate(deformations[c], g[b]);
+                             for (std::size_t m = 0; m < 6; ++m)
+                                 for (std::size_t i = 0; i < 3; ++i)
+                                     for (std::size_t j = 0; j < 3; ++j)
+                                         block[3 * i + j] += own * da[m][i] * db[m][j];
+                         }
                          if (law)
                              for (std::size_t i = 0; i < 9; ++i)
                                  block[i] += bends[4 * a + b][i];

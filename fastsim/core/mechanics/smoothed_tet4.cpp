@@ -1,5 +1,6 @@
 #include "mechanics/smoothed_tet4.hpp"
 
+#include "mechanics/compression_blend.hpp"
 #include "mechanics/smoothed_law.hpp"
 
 namespace fastsim {
@@ -34,7 +35,43 @@ struct SmoothedStrains {
     }
 };
 
+double dot(const Matrix3 &a, const Matrix3 &b) {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < 9; ++j)
+        sum += a[j] * b[j];
+    return sum;
+}
+
 } // namespace
+
+bool blends(const ElasticCells &body) {
+    return body.strain == StrainMeasure::green && body.law == Law::saint_venant_kirchhoff;
+}
+
+EdgeBlends::EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches,
+                       std::span<const Matrix3> of_cells)
+    : beta(patches.num_edges(), 0.0), slope(beta), bend(beta), variance(beta) {
+    SmoothedStrains smoothed(body, patches, of_cells);
+    strains = std::move(smoothed.of_edges);
+    if (!blends(body))
+        return;
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const double squared = dot(of_cells[c], of_cells[c]);
+        for (std::size_t k = 0; k < 6; ++k) {
+            const std::size_t edge = at(patches.cell_edges[6 * c + k]);
+            variance[edge] += body.rest.volumes[c] / 6.0 / patches.edge_volume[edge] * squared;
+        }
+    }
+    for (std::size_t e = 0; e < beta.size(); ++e) {
+        variance[e] -= dot(strains[e], strains[e]);
+        const Moduli &m = body.materials[at(patches.edge_material[e])];
+        const double rate = blend_rate(m.lmbda, m.mu);
+        const CompressionBlend blend(rate * trace(strains[e]) - blend_onset / blend_width);
+        beta[e] = blend.beta;
+        slope[e] = rate * blend.slope;
+        bend[e] = rate * rate * blend.bend;
+    }
+}
 
 void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const Matrix3> strains, std::span<Matrix3> stresses) {
@@ -56,6 +93,25 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
     }
 }
 
+void add_blend(const ElasticCells &body, const SmoothingPatches &patches,
+               std::span<const Matrix3> strains, std::span<Matrix3> stresses) {
+    if (!blends(body))
+        return;
+    const EdgeBlends blend(body, patches, strains);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const double mu = body.moduli_of(c).mu;
+        for (std::size_t k = 0; k < 6; ++k) {
+            const std::size_t e = at(patches.cell_edges[6 * c + k]);
+            if (blend.beta[e] == 0.0)
+                continue;
+            for (std::size_t j = 0; j < 9; ++j)
+                stresses[c][j] += mu / 3.0 * blend.beta[e] * (strains[c][j] - blend.strains[e][j]);
+            for (std::size_t j = 0; j < 9; j += 4)
+                stresses[c][j] += mu / 6.0 * blend.slope[e] * blend.variance[e];
+        }
+    }
+}
+
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement) {
     if (!body.is_linear_in_strain())
@@ -65,8 +121,9 @@ double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches
         strains[c] = strain_tensor(body.gradient(c, displacement), body.strain);
     const SmoothedStrains smoothed(body, patches, strains);
     double energy = 0.0;
+    const EdgeBlends blend(body, patches, strains);
     for (std::size_t e = 0; e < patches.num_edges(); ++e) {
-        double squared = 0.0;
+        double squared = blend.beta[e] * blend.variance[e];
         for (const double component : smoothed.of_edges[e])
             squared += component * component;
         energy +=
@@ -86,7 +143,9 @@ void smoothed_first_stresses(const ElasticCells &body, const SmoothingPatches &p
         return smoothed_piola_stresses(body, patches, displacement, out);
     for (std::size_t c = 0; c < body.size(); ++c)
         out[c] = strain_tensor(body.gradient(c, displacement), body.strain);
+    const std::vector<Matrix3> strains(out.begin(), out.end());
     smoothed_stresses(body, patches, out, out);
+    add_blend(body, patches, strains, out);
     for (std::size_t c = 0; c < body.size(); ++c)
         out[c] = push_forward(body.gradient(c, displacement), out[c], body.strain);
 }

@@ -24,6 +24,23 @@ namespace fastsim {
 void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const Matrix3> strains, std::span<Matrix3> stresses);
 
+/// Whether the element goes over to plain cells where it is compressed: compression_blend.hpp.
+bool blends(const ElasticCells &body);
+
+/// What that takes at each edge, of strains of the cells; all 0 of a body that does not.
+struct EdgeBlends {
+    std::vector<Matrix3> strains;          // E_e
+    std::vector<double> beta, slope, bend; // and beta's derivatives by tr E_e
+    std::vector<double> variance;          // v_e
+
+    EdgeBlends(const ElasticCells &body, const SmoothingPatches &patches,
+               std::span<const Matrix3> of_cells);
+};
+
+/// Adds to S of each cell what the blend adds.
+void add_blend(const ElasticCells &body, const SmoothingPatches &patches,
+               std::span<const Matrix3> strains, std::span<Matrix3> stresses);
+
 /// (S3), or (S7) by the law.
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement);

@@ -73,7 +73,7 @@ def types_by_name(wp: Any, real: Any) -> dict[str, Any]:
          "vertex_moments"),
         (wp.array2d(dtype=wp.float64), "gaps increments kinetic mass offsets stiffness"),
         (wp.array(dtype=real), "keep speed_share volumes weights"),
-        (wp.array2d(dtype=real), "given moduli pressures pull"),
+        (wp.array2d(dtype=real), "blends given moduli presses pressures pull"),
         (wp.array(dtype=wp.float64), "at_start damping time_step total_mass"),
         (wp.array2d(dtype=wp.vec2d), "chunk_extremes extremes loss work"),
         (wp.array(dtype=wp.vec4i), "cell_nodes corners"),
