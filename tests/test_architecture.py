@@ -256,7 +256,7 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11140,
+        11150,
         "issue 35: contact over facets, friction there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
@@ -280,7 +280,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65500,
+        65520,
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
         "issue 38: no keys, fractions or empty bars on a report; "
