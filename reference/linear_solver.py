@@ -133,6 +133,7 @@ class LinearSolver:
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._smooths_by_blocks = True
+        self._is_prepared = False
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 
     @property
@@ -242,8 +243,12 @@ class LinearSolver:
         prescribe(matrix, fixed, x, b, is_symmetric=self._is_symmetric)
         try:
             # The multigrid of the last Newton step is good enough: the tangent is nearly the same.
-            self._ksp.getPC().setReusePreconditioner(not self._is_direct)
-            self._prepare(matrix, fixed)
+            is_prepared = self._is_prepared and not self._is_direct
+            self._ksp.getPC().setReusePreconditioner(is_prepared)
+            if is_prepared:
+                self._ksp.setOperators(matrix)
+            else:
+                self._prepare(matrix, fixed)
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             try:
                 self._run(b, x)
@@ -321,6 +326,7 @@ class LinearSolver:
 
     def _prepare(self, matrix: Any, fixed: Indices) -> None:
         """Pass a new matrix on, and set multigrid up for it unless its last one is used again."""
+        self._is_prepared = True
         if self._is_direct:
             # Factors are of entries, multigrid is of blocks.
             self._ksp.setOperators(fenicsx.in_rows(matrix))

@@ -83,6 +83,20 @@ def test_multigrid_and_factors_agree(box, monkeypatch, degree, is_slanted, level
         assert not linear.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.fixed.dofs)
 
 
+def test_stability_is_tested_by_the_multigrid_of_the_last_solve(box, monkeypatch):
+    eq = equilibrium(box, 2)
+    rest = np.zeros(eq.num_dofs)
+    multigrid = solver(eq, monkeypatch, 0)
+    solution(eq, multigrid, rest, np.ones(eq.num_dofs))
+
+    def refuse(_matrix, _fixed):
+        raise AssertionError("a second multigrid")
+
+    monkeypatch.setattr(multigrid, "_prepare", refuse)
+    assert multigrid.is_positive_definite(eq.tangent(rest, 1.0), eq.fixed.dofs)
+    assert not multigrid.is_positive_definite(eq.tangent(crushed(eq), 1.0), eq.fixed.dofs)
+
+
 def test_the_linear_level_takes_what_is_smooth(box, monkeypatch):
     """The iterations do not grow with the mesh; without the level below they would double."""
     counts = []

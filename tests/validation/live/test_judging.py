@@ -205,7 +205,7 @@ def test_a_pose_in_which_the_law_gives_way_is_refused_before_anything_is_solved(
 def test_a_body_too_large_for_a_live_truth_is_refused_with_the_limit_and_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(verdict, "UNKNOWNS", 1000.0)
+    monkeypatch.setattr(verdict, "LARGEST", 1000.0)
     nothing, lines = ReferenceSet({}, {}, "", {}), list[str]()
     with pytest.raises(ReferenceFailedError) as refused:
         verdict.true_references(case_of("block"), [crushed(0.9)], nothing, lines.append)

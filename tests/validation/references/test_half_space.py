@@ -165,7 +165,7 @@ def solve_block(tool: str, size: float) -> Block:
     """The truth of the force on a tool, of the whole block."""
     problem = pressed_block(tool, size)
     goals = {Strain.LINEAR: ("tool_force",)}
-    request = TruthRequest(BAR, _SECONDS, 8.0, goals, unknowns=_MOST_UNKNOWNS)
+    request = TruthRequest(BAR, _SECONDS, 8.0, goals, unknowns=_MOST_UNKNOWNS, has_others=False)
     found = refine_truth(problem, Strain.LINEAR, request, in_silence)
     (felt,) = found.tools
     touching = 2.0 * math.sqrt(felt.active_areas[-1] / math.pi)
