@@ -359,11 +359,12 @@ class Body:
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), by the element's strain.
 
-    Under another law S = F^-1 P. With engineering strain it is Cauchy's stress, with finite strain
+    Under another law, and of smoothed cells, S = F^-1 P. With engineering strain it is Cauchy's stress, with finite strain
     the second Piola-Kirchhoff stress [Pa], symmetric, shape (num_cells, 3, 3).
     """
     gradient = body.displacement_gradients(displacement)
-    if body.strain is Strain.GREEN and not body.law.is_linear_in_strain:
+    is_plain = body.law.is_linear_in_strain and body.element is Element.LINEAR
+    if body.strain is Strain.GREEN and not is_plain:
         P = body.first_piola_kirchhoff_stresses(displacement)
         return np.linalg.solve(np.eye(3) + gradient, P)
     E = 0.5 * (gradient + gradient.transpose(0, 2, 1))

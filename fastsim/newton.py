@@ -17,6 +17,7 @@ from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import FixedPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Pressure
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -117,6 +118,13 @@ class Newton:
         if iteration is Iteration.SECANT:
             # The residual of other laws is not cubic.
             require_linear_in_strain(problem.material, strain, "the secant iteration of eq. 10")
+            if self.body.folds:
+                raise InputError(
+                    "the secant iteration of eq. 10 needs forces that are cubic in the "
+                    "displacement, and smoothed tetrahedra of saint-venant-kirchhoff go over to "
+                    "plain ones where they are compressed; take linear tetrahedra, or the "
+                    f"iteration {Iteration.NEWTON}"
+                )
         self.tolerance = relative_tolerance
         self.max_iterations = max_iterations
         self.iterations = 0

@@ -22,6 +22,8 @@ MIXED = pytest.mark.parametrize("mixed", [False, True])
 LAWS = pytest.mark.parametrize("law", FINITE_LAWS)
 EVERY_LAW = pytest.mark.parametrize("law", list(Law))
 UNIT = Material(1.0, 0.3)
+# Displacements of the ragged box [m] that compress no edge by as much as smoothed cells blend from.
+UNPRESSED = 0.001
 LMBDA, MU = 0.3 / (1.3 * 0.4), 1.0 / 2.6
 
 
@@ -122,9 +124,10 @@ def slope(values: dict[float, np.ndarray]) -> np.ndarray:
 def test_force_and_tangent_are_exact_derivatives_where_energy_is_a_polynomial(
     ragged_box: TetMesh, strain: Strain, mixed: bool, element: Element
 ) -> None:
-    """W and R are polynomials of degree 4 and 3 along any line."""
-    body, u = body_of(ragged_box, STVK, element, strain, mixed=mixed), shake(ragged_box, 0.05)
-    way = shake(ragged_box, 0.05, seed=2)
+    """W and R are polynomials of degree 4 and 3 along any line, where no smoothed cell is pressed."""
+    body = body_of(ragged_box, STVK, element, strain, mixed=mixed)
+    size = UNPRESSED if body.folds else 0.05
+    u, way = shake(ragged_box, size), shake(ragged_box, size, seed=2)
     states = {s: u + s * way for s in (-2.0, -1.0, 1.0, 2.0)}
     W = {s: np.array(body.strain_energy(state)) for s, state in states.items()}
     R = {s: body.internal_force(state) for s, state in states.items()}
@@ -134,7 +137,7 @@ def test_force_and_tangent_are_exact_derivatives_where_energy_is_a_polynomial(
     assert abs(slope(W) - product) < 1e-12 * max(W.values())
     body.core.assemble_tangent(u)
     product = body.core.multiply(way)
-    assert np.abs(product).max() > 1e2
+    assert np.abs(product).max() > 2e3 * size
     assert np.abs(slope(R) - product).max() < 1e-12 * max(np.abs(r).max() for r in R.values())
 
 
@@ -172,9 +175,8 @@ def test_tangent_is_symmetric(ragged_box: TetMesh, strain: Strain, element: Elem
     assert abs(np.sum(y * Kx) - np.sum(x * Ky)) < 100 * EPS * scale
 
 
-@ELEMENTS
-def test_secant_matrix_gives_the_force(ragged_box: TetMesh, element: Element) -> None:
-    u, body = shake(ragged_box, 0.05), body_of(ragged_box, STVK, element, mixed=True)
+def test_secant_matrix_gives_the_force(ragged_box: TetMesh) -> None:
+    u, body = shake(ragged_box, 0.05), body_of(ragged_box, STVK, Element.LINEAR, mixed=True)
     body.core.assemble_secant(u)
     assert distance(body.core.multiply(u), body.internal_force(u)) < 1e-13
 
@@ -297,7 +299,8 @@ def energy_by_sums(
 ) -> float:
     """W = sum V_e mu E_e : E_e + sum V_n lmbda / 2 theta_n^2, cell by cell in dictionaries.
 
-    Faults on request: the first edge's strain weighed otherwise, a cell left out of the node
+    With V_e mu beta (q_e) times the variance of E under Green strain (theory/elements.md).
+    Faults on request: the edges' strains weighed otherwise, a cell left out of the node
     volumes, patches across materials (then with the mean of their constants).
     """
     mesh = body.mesh
@@ -312,17 +315,22 @@ def energy_by_sums(
             E = E + 0.5 * H.T @ H
         kind = 0.0 if mixes else float(body.mu[c])
         for i, j in itertools.combinations(sorted(cell), 2):
-            row = np.array([volumes[c] / 6.0, body.mu[c], *E.ravel()])
+            row = np.array([volumes[c] / 6.0, body.mu[c], body.lmbda[c], *E.ravel()])
             edges.setdefault((i, j, kind), []).append(row)
         for i in cell:
             part = 0.0 if c == left_out else volumes[c] / 4.0
             row = np.array([part, volumes[c] / 4.0, body.lmbda[c], np.trace(E)])
             nodes.setdefault((i, kind), []).append(row)
     energy = 0.0
-    for k, rows in enumerate(edges.values()):
-        V, mu, *E_c = np.array(rows).T
-        E_e = (V * np.array(E_c)).sum(axis=1) / V.sum() * (weight_of if k == 0 else 1.0)
+    for rows in edges.values():
+        V, mu, lmbda, *E_c = np.array(rows).T
+        E_e = (V * np.array(E_c)).sum(axis=1) / V.sum() * weight_of
         energy += V.sum() * mu.mean() * float(E_e @ E_e)
+        if body.strain is Strain.GREEN:
+            q = -E_e[[0, 4, 8]].sum() * min(lmbda.mean() / mu.mean() + 2.0, 6.0)
+            x = float(np.clip((q - 0.2) / 0.5, 0.0, 1.0))
+            variance = float((V * np.array(E_c) ** 2).sum()) / V.sum() - float(E_e @ E_e)
+            energy += V.sum() * mu.mean() * x**2 * (3.0 - 2.0 * x) * variance
     for rows in nodes.values():
         counted, V, lmbda, trace = np.array(rows).T
         theta = float(V @ trace) / counted.sum()
@@ -420,8 +428,8 @@ def test_a_sheared_stretched_and_turned_body_has_the_stresses_of_the_formulas(
 def test_the_stresses_of_cells_make_the_forces_and_the_energy(
     ragged_box: TetMesh, strain: Strain, element: Element, mixed: bool
 ) -> None:
-    mesh, u = ragged_box, shake(ragged_box, 0.03)
-    body = body_of(mesh, STVK, element, strain, mixed=mixed)
+    mesh, body = ragged_box, body_of(ragged_box, STVK, element, strain, mixed=mixed)
+    u = shake(mesh, 0.03)
     S, sigma, H = cell_stress(body, u), cauchy_stress(body, u), body.displacement_gradients(u)
     F = np.eye(3) + H
     volumes = signed_volumes(mesh.points, mesh.cells)
@@ -436,4 +444,7 @@ def test_the_stresses_of_cells_make_the_forces_and_the_energy(
         np.add.at(made, mesh.cells, np.einsum("c,cij,caj->cai", volumes, P, body.shape_gradients))
         assert distance(made, body.internal_force(u)) <= 1e-12
     work = (E * body.stresses(E)).sum(axis=(1, 2))
-    assert 0.5 * float(volumes @ work) == pytest.approx(body.strain_energy(u), rel=1e-13)
+    # Where smoothed cells are compressed they have some besides, which is not quadratic in E.
+    assert body.folds or 0.5 * float(volumes @ work) == pytest.approx(
+        body.strain_energy(u), rel=1e-13
+    )
