@@ -359,8 +359,9 @@ class Body:
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), by the element's strain.
 
-    Under another law, and of smoothed cells, S = F^-1 P. With engineering strain it is Cauchy's stress, with finite strain
-    the second Piola-Kirchhoff stress [Pa], symmetric, shape (num_cells, 3, 3).
+    Under another law, and of smoothed cells, S = F^-1 P. With engineering strain it is Cauchy's
+    stress, with finite strain the second Piola-Kirchhoff stress [Pa], symmetric, shape
+    (num_cells, 3, 3).
     """
     gradient = body.displacement_gradients(displacement)
     is_plain = body.law.is_linear_in_strain and body.element is Element.LINEAR

@@ -124,7 +124,7 @@ def slope(values: dict[float, np.ndarray]) -> np.ndarray:
 def test_force_and_tangent_are_exact_derivatives_where_energy_is_a_polynomial(
     ragged_box: TetMesh, strain: Strain, mixed: bool, element: Element
 ) -> None:
-    """W and R are polynomials of degree 4 and 3 along any line, where no smoothed cell is pressed."""
+    """W and R are polynomials of degree 4 and 3 along a line, if no smoothed cell is pressed."""
     body = body_of(ragged_box, STVK, element, strain, mixed=mixed)
     size = UNPRESSED if body.folds else 0.05
     u, way = shake(ragged_box, size), shake(ragged_box, size, seed=2)
@@ -445,6 +445,5 @@ def test_the_stresses_of_cells_make_the_forces_and_the_energy(
         assert distance(made, body.internal_force(u)) <= 1e-12
     work = (E * body.stresses(E)).sum(axis=(1, 2))
     # Where smoothed cells are compressed they have some besides, which is not quadratic in E.
-    assert body.folds or 0.5 * float(volumes @ work) == pytest.approx(
-        body.strain_energy(u), rel=1e-13
-    )
+    if not body.folds:
+        assert 0.5 * float(volumes @ work) == pytest.approx(body.strain_energy(u), rel=1e-13)

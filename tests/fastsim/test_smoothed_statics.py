@@ -71,7 +71,7 @@ def test_multigrid_serves_the_wider_matrix() -> None:
 
 def test_the_secant_iteration_is_refused_where_forces_are_not_cubic() -> None:
     problem = bar(brick_box((4, 2, 2), (2.0, 1.0, 1.0)), SOFT, -60.0)
-    with pytest.raises(InputError, match="cubic.*take linear tetrahedra"):
+    with pytest.raises(InputError, match=r"cubic.*take linear tetrahedra"):
         solve_static(problem, element=Element.SMOOTHED, iteration=Iteration.SECANT)
 
 
