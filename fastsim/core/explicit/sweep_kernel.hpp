@@ -41,9 +41,10 @@ struct EdgeGroup {
     std::int32_t first_entry; // of the first one's record
 };
 
-/// An edge's record and its ends' numbers.
-struct EdgeEnds {
+/// An edge's record, its ends' numbers, and the rate of the blend's x by the trace in the record.
+template <typename Real> struct EdgeEnds {
     std::int32_t entry, first_node, second_node;
+    Real blend_rate;
 };
 
 /// Where the parts of a sweep end after each chunk of cells.
@@ -67,9 +68,8 @@ template <typename Real> struct SweepJob {
     const std::int32_t *node_counts; // by group of `width` nodes: how many edges each
     const std::int32_t *node_edges;  // each group: edges x width, entries of traces
     const Real *node_weight;
-    const EdgeEnds *edge_ends;
-    const Real *blend_rates; // of each of these: of x by the trace in its record
-    const EdgeModuli<Real> *blend_moduli;
+    const EdgeEnds<Real> *edge_ends;
+    const EdgeModuli<Real> *blend_moduli;                        // of each of these
     Real *cell_records, *gradients, *edge_records, *node_values; // the rings, and by node
     std::size_t record_ring, gradient_ring;                      // batches
     bool is_green;

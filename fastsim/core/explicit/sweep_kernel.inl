@@ -152,10 +152,15 @@ inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t ow
     const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
     const V *const h = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
     if constexpr (is_green && !of_change) {
-        V e[6];
-        twice_strain<true>(h, e);
-        for (std::size_t k = 0; k < 6; ++k)
-            s[k] += s[trace_entry] * e[k];
+        bool is_pressed = false;
+        for (std::size_t lane = 0; lane < width; ++lane)
+            is_pressed |= s[trace_entry][lane] != Real(0);
+        if (is_pressed) {
+            V e[6];
+            twice_strain<true>(h, e);
+            for (std::size_t k = 0; k < 6; ++k)
+                s[k] += s[trace_entry] * e[k];
+        }
     }
     for (std::size_t k = 0; k < 6; ++k)
         s[k] = rest[9] * (k < 3 ? s[k] + s[nodes_entry] : s[k]);
@@ -196,18 +201,18 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
             __builtin_memcpy(job.node_values + width * node_group, &sum, sizeof(V));
         }
         for (; ended < chunk.edge_ends; ++ended) {
-            const EdgeEnds &edge = job.edge_ends[ended];
+            const EdgeEnds<Real> &edge = job.edge_ends[ended];
             prefetch_ahead<ahead, 1>(&edge);
             Real *const record = job.edge_records + edge.entry;
             const Real squares = record[nodes_entry];
             record[nodes_entry] =
                 job.node_values[edge.first_node] + job.node_values[edge.second_node];
             if constexpr (is_green && !of_change) {
-                const Real rate = job.blend_rates[ended];
-                const Real x = rate * record[trace_entry] - Real(blend_onset / blend_width);
+                const Real x =
+                    edge.blend_rate * record[trace_entry] - Real(blend_onset / blend_width);
                 record[trace_entry] = 0;
                 if (x > Real(0))
-                    blend_edge(record, x, rate, job.blend_moduli[ended], squares);
+                    blend_edge(record, x, edge.blend_rate, job.blend_moduli[ended], squares);
             }
         }
         for (; forced < chunk.forced_batches; ++forced)

@@ -121,12 +121,11 @@ void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPat
         const auto &ends = patches.edge_ends[patch];
         const Moduli &moduli = body.materials[at(patches.edge_material[patch])];
         const double volume = patches.edge_volume[patch];
-        _blend_rates.push_back(
-            static_cast<Real>(blend_rate(moduli.lmbda, moduli.mu) / (12.0 * volume)));
         _blend_moduli.push_back(
             {static_cast<Real>(moduli.mu), static_cast<Real>(1.0 / (24.0 * volume))});
         _edge_ends.push_back(
-            {edge_entry(schedule, at(turn)), value_of[at(ends[0])], value_of[at(ends[1])]});
+            {edge_entry(schedule, at(turn)), value_of[at(ends[0])], value_of[at(ends[1])],
+             static_cast<Real>(blend_rate(moduli.lmbda, moduli.mu) / (12.0 * volume))});
     }
 }
 
@@ -185,7 +184,6 @@ Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement,
     job.node_edges = _node_edges.data();
     job.node_weight = _node_weight.data();
     job.edge_ends = _edge_ends.data();
-    job.blend_rates = _blend_rates.data();
     job.blend_moduli = _blend_moduli.data();
     job.cell_records = _cell_records.data();
     job.gradients = _gradients.data();

@@ -39,8 +39,7 @@ template <typename Real> class SweepPlan {
     AlignedVector<std::int32_t> _corners, _cell_edges;
     AlignedVector<std::int32_t> _edge_cells, _node_counts, _node_edges;
     AlignedVector<Real> _rest, _edge_weight, _node_weight;
-    std::vector<EdgeEnds> _edge_ends;
-    AlignedVector<Real> _blend_rates;
+    std::vector<EdgeEnds<Real>> _edge_ends;
     std::vector<EdgeModuli<Real>> _blend_moduli;
     AlignedVector<Real> _cell_records, _gradients, _edge_records, _node_values;
 };
