@@ -115,7 +115,8 @@ class TouchingSurface:
         Not a projection, along whose normals conjugate gradients would divide rounding by rounding.
         """
         normals = self.points.normals(self.normals)[self.sticks]
-        return np.linalg.svd(normals[:, None, :])[2][:, 1:]
+        two: Floats = np.linalg.svd(normals[:, None, :])[2][:, 1:]
+        return two
 
     def _averaged(self, along: Floats, vectors: Points) -> Floats:
         """Averages of values along the normals at the points, and of vectors across them.
@@ -513,19 +514,15 @@ def contact_rule(tool: RigidTool, degree: int) -> ContactRule:
 
 
 def require_outside(gaps: Sequence[float], are_averaged: Sequence[bool]) -> None:
-    """Raise InputError where a tool is in the body at the start.
+    """Raise InputError where a tool is in the body at the start; the least gap of each [m].
 
-    Args:
-        gaps: The least gap of each tool [m].
-        are_averaged: Whether its gaps are averages over facets, below 0 before a round tool is in.
+    Averages over facets are below 0 before a round tool is in.
     """
     for number, (gap, is_averaged) in enumerate(zip(gaps, are_averaged, strict=True), start=1):
         if gap < 0.0:
+            deep = f"tool {number} is {-gap:g} m deep in the body at the start"
             over = ", by the average over a facet" if is_averaged else ""
-            raise InputError(
-                f"tool {number} is {-gap:g} m deep in the body at the start{over}; "
-                "begin its path outside"
-            )
+            raise InputError(f"{deep}{over}; begin its path outside")
 
 
 def create_contacts(
