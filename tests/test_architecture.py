@@ -259,9 +259,9 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11330,
+        11340,
         "issue 35: cells under compression; "
-        "issue 35: contact over facets, friction there, few that can be nearest; "
+        "issue 35: contact over facets, friction and starts there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
         "degree 2 to 1; issue 38: the way of a tool to a pose, "
@@ -303,7 +303,7 @@ LINES = {
         "bars of ripples, eight set-ups; "
         "issue 37: what a repair does to each part; "
         "issue 37: label images; issues 34, 35: stated equations, stale results, imports, "
-        "lost files, VTK files that are cut off; contact over facets; "
+        "lost files, VTK files that are cut off; contact over facets, and where it begins; "
         "mutants of the judge; "
         "issue 36: masses on the surface, measurements, fits to them, swings; "
         "issue 38: first screen of a report, the live page in two browsers, units of a page; "

@@ -70,7 +70,8 @@ class SteppedTools:
     def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
         gaps = [tool.gaps(displacement, 0.0).min(initial=0.0) for tool in self._tools]
-        require_outside([fenicsx.smallest(float(gap)) for gap in gaps])
+        least = [fenicsx.smallest(float(gap)) for gap in gaps]
+        require_outside(least, [tool.is_averaged for tool in self._tools])
         for tool in self._tools:
             tool.see(displacement, 0.0)
 

@@ -197,7 +197,8 @@ class ImplicitTools:
         """Raise InputError where a tool is in the body at the start."""
         for contact in self._contacts:
             contact.set_time(0.0)
-        require_outside([-contact.state(displacement).penetration for contact in self._contacts])
+        gaps = [contact.least_gap(displacement) for contact in self._contacts]
+        require_outside(gaps, [contact.is_averaged for contact in self._contacts])
         for contact in self._contacts:
             contact.keep(displacement)
 

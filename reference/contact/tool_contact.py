@@ -110,16 +110,20 @@ class TouchingSurface:
 
     @cached_property
     def _across(self) -> Floats:
-        """Projections across the normals of the constraints that stick, shape (k, 3, 3)."""
+        """Two unit vectors across the normal of each constraint that sticks, shape (k, 2, 3).
+
+        Not a projection, along whose normals conjugate gradients would divide rounding by rounding.
+        """
         normals = self.points.normals(self.normals)[self.sticks]
-        return np.eye(3) - normals[:, :, None] * normals[:, None, :]
+        two: Floats = np.linalg.svd(normals[:, None, :])[2][:, 1:]
+        return two
 
     def _averaged(self, along: Floats, vectors: Points) -> Floats:
         """Averages of values along the normals at the points, and of vectors across them.
 
         Returns:
             The first of the n constraints, 0 where not active, then the others of the k that
-            stick, shape (n + 3 k,).
+            stick, shape (n + 2 k,).
         """
         normal = np.where(self.is_active, self.points.gaps(along), 0.0)
         if not self.sticks.any():
@@ -153,7 +157,8 @@ class TouchingSurface:
         loads = self.points.loads(multipliers[:count] / areas)[:, None] * self.normals
         if self.sticks.any():
             across = np.zeros((count, 3))
-            across[self.sticks] = multipliers[count:].reshape(-1, 3)
+            along = multipliers[count:].reshape(-1, 2)
+            across[self.sticks] = np.einsum("kij,ki->kj", self._across, along)
             loads = loads + self.points.spread(across / areas[:, None])
         return self.points.at_nodes(loads, size)
 
@@ -282,11 +287,15 @@ class ToolContact:
         """Set the penalty to a multiple of that of statics."""
         self._penalty = factor * self._at_rest
 
-    def clearance(self, displacement: Floats) -> float:
-        """Smallest distance of points and constraints from the tool [m], 0 where one touches it."""
+    def least_gap(self, displacement: Floats) -> float:
+        """Smallest distance of points and constraints from the tool [m], below 0 inside it."""
         gap = self._distance(displacement).gap
         least = min(float(gaps.min(initial=np.inf)) for gaps in (gap, self.points.gaps(gap)))
-        return max(0.0, fenicsx.smallest(least))
+        return fenicsx.smallest(least)
+
+    def clearance(self, displacement: Floats) -> float:
+        """The same, 0 where one touches it."""
+        return max(0.0, self.least_gap(displacement))
 
     def stiffen(self, inertia: float) -> None:
         """Raise the penalties to balance the inertia in a time step, which dominates short steps.
@@ -504,13 +513,16 @@ def contact_rule(tool: RigidTool, degree: int) -> ContactRule:
     return ContactRule.FACETS
 
 
-def require_outside(gaps: Sequence[float]) -> None:
-    """Raise InputError where a tool is in the body at the start; the least gap of each [m]."""
-    for number, gap in enumerate(gaps, start=1):
+def require_outside(gaps: Sequence[float], are_averaged: Sequence[bool]) -> None:
+    """Raise InputError where a tool is in the body at the start; the least gap of each [m].
+
+    Averages over facets are below 0 before a round tool is in.
+    """
+    for number, (gap, is_averaged) in enumerate(zip(gaps, are_averaged, strict=True), start=1):
         if gap < 0.0:
-            raise InputError(
-                f"tool {number} is {-gap:g} m deep in the body at the start; begin its path outside"
-            )
+            deep = f"tool {number} is {-gap:g} m deep in the body at the start"
+            over = ", by the average over a facet" if is_averaged else ""
+            raise InputError(f"{deep}{over}; begin its path outside")
 
 
 def create_contacts(

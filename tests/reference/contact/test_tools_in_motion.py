@@ -138,6 +138,11 @@ def test_a_tool_inside_the_body_at_the_start_is_refused(box):
     inside = dataclasses.replace(tool, path=ToolPath([0.0], [[2.8, 1.9, 3.5]]))
     with pytest.raises(InputError, match="deep in the body at the start"):
         simulate_implicit(dataclasses.replace(problem, tools=(inside,)), degree=1)
+    # Outside with every point, it is inside by the average that is kept out of it.
+    over_facets = dataclasses.replace(tool, contact="facets")
+    for simulate in (lambda of: simulate_implicit(of, degree=1), simulate_explicit):
+        with pytest.raises(InputError, match="start, by the average over a facet; begin"):
+            simulate(dataclasses.replace(problem, tools=(over_facets,)))
 
 
 FROM_THE_START = TabularAmplitude((0.0,), (1.0,))
