@@ -220,10 +220,11 @@ class Body:
 
     @property
     def folds(self) -> bool:
-        """Whether single cells fold under pressure: smoothed ones of Saint-Venant-Kirchhoff do.
+        """Whether single cells may fold under pressure: smoothed ones of Saint-Venant-Kirchhoff.
 
         Pressure pushes on every cell by its own turns and shears, which are resisted in averages
-        over edges alone; where the volumetric part of a law is one of J it does not.
+        over edges until these go over to the plain cells. Where the volumetric part of a law is one
+        of J it does not.
         """
         is_green = self.strain is Strain.GREEN
         return is_green and self.element is Element.SMOOTHED and self.law.is_linear_in_strain
