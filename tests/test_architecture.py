@@ -247,7 +247,7 @@ LINES = {
         "issue 36: masses on the surface; issue 40: history of released versions",
     ),
     "fastsim": (
-        14560,
+        14570,
         "issue 37: what pierces a wall is pushed back; the union of bodies; "
         "issue 35: cells under compression; "
         "issue 35: smoothed cells that fold under a tool are named; "

@@ -105,12 +105,8 @@ def pulled_apart(
                 np.maximum.at(spread, edges[:, a], _SPREAD * pull[edges[:, b]])
             pull = spread
         moved = moved + (step if outwards else -step) * pull[:, None] * normals
-        shift = np.linalg.norm(moved - points, axis=1)
-        if shift.max() > most or shift[part.is_fixed].any():
-            return None
-        changed = (shift > 0.0)[facets].any(axis=1)
-        changed[rows] = True
-        if np.count_nonzero(changed) > part.most_facets:
+        changed = _changed(part, moved, rows, most)
+        if changed is None:
             return None
         pairs = crossings_of(moved, facets, changed)
         if not len(pairs):
@@ -121,6 +117,18 @@ def pulled_apart(
         if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
             return None
     return None
+
+
+def _changed(
+    part: Surroundings, moved: Points, rows: NDArray[np.int64], most: float
+) -> Mask | None:
+    """`rows` and facets that moved; None if a point moved too far, or too many facets did."""
+    shift = np.linalg.norm(moved - part.points, axis=1)
+    if shift.max() > most or shift[part.is_fixed].any():
+        return None
+    changed: Mask = (shift > 0.0)[part.facets].any(axis=1)
+    changed[rows] = True
+    return changed if np.count_nonzero(changed) <= part.most_facets else None
 
 
 def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> Attempt | None:
@@ -151,12 +159,8 @@ def pushed_back(part: Surroundings, rows: NDArray[np.int64], *, most: float) -> 
         for _ring in range(_PUSH_RINGS):
             spread = np.where(follows[:, None], push, _PUSH_SPREAD * mean(spread))
         moved = moved + _PUSH * edge * spread
-        shift = np.linalg.norm(moved - points, axis=1)
-        if shift.max() > most or shift[part.is_fixed].any():
-            return None
-        changed = (shift > 0.0)[facets].any(axis=1)
-        changed[rows] = True
-        if np.count_nonzero(changed) > part.most_facets:
+        changed = _changed(part, moved, rows, most)
+        if changed is None:
             return None
         pairs = crossings_of(moved, facets, changed)
         if not len(pairs) and is_clean(moved, facets, changed):
