@@ -47,11 +47,15 @@ def test_every_stage_of_the_mesher_says_its_part(monkeypatch: pytest.MonkeyPatch
             seen.setdefault(stage, []).append(done)
 
     monkeypatch.setattr("palpate.fastsim.mesher.Percent", Noted)
-    mesh_surface(shape_sphere(0.05, edge_length=0.002))
+    for edge in (0.002, 0.0014, 0.001):
+        seen.clear()
+        mesh_surface(shape_sphere(0.05, edge_length=edge))
+        # Stages are asked several times a second: a fast machine is through with a small mesh.
+        if len(seen["improving cells"]) > 1:
+            break
     assert {"inserting points", "improving cells"} <= set(seen)
     for shares in seen.values():
         assert shares == sorted(shares)
         assert shares[0] == 0.0
         assert shares[-1] <= 1.0
-    # Long stages are asked several times a second.
     assert 0.0 < max(seen["improving cells"]) < 1.0
