@@ -194,7 +194,7 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     PatchSums<Vector3> work(matrix.num_points);
     std::vector<StrainRate> moduli_times;
     std::optional<EdgeBlends> blend;
-    if (!law)
+    if (blends(body))
         blend.emplace(body, patches, stresses);
     for (std::size_t e = 0; e < patches.num_edges(); ++e, edge.clear(), work.clear()) {
         const bool blended = blend && blend->beta[e] > 0.0;
@@ -278,7 +278,7 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     if (!law) {
         const std::vector<Matrix3> strains = stresses;
         smoothed_stresses(body, patches, strains, stresses);
-        add_blend(body, patches, strains, stresses);
+        add_blend(body, patches, *blend, strains, stresses);
     }
     for (std::size_t c = 0; c < body.size(); ++c) {
         const auto g = all_gradients(body.rest.gradients[c]);

@@ -93,11 +93,8 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
     }
 }
 
-void add_blend(const ElasticCells &body, const SmoothingPatches &patches,
+void add_blend(const ElasticCells &body, const SmoothingPatches &patches, const EdgeBlends &blend,
                std::span<const Matrix3> strains, std::span<Matrix3> stresses) {
-    if (!blends(body))
-        return;
-    const EdgeBlends blend(body, patches, strains);
     for (std::size_t c = 0; c < body.size(); ++c) {
         const double mu = body.moduli_of(c).mu;
         for (std::size_t k = 0; k < 6; ++k) {
@@ -145,7 +142,8 @@ void smoothed_first_stresses(const ElasticCells &body, const SmoothingPatches &p
         out[c] = strain_tensor(body.gradient(c, displacement), body.strain);
     const std::vector<Matrix3> strains(out.begin(), out.end());
     smoothed_stresses(body, patches, out, out);
-    add_blend(body, patches, strains, out);
+    if (blends(body))
+        add_blend(body, patches, EdgeBlends(body, patches, strains), strains, out);
     for (std::size_t c = 0; c < body.size(); ++c)
         out[c] = push_forward(body.gradient(c, displacement), out[c], body.strain);
 }

@@ -38,7 +38,7 @@ struct EdgeBlends {
 };
 
 /// Adds to S of each cell what the blend adds.
-void add_blend(const ElasticCells &body, const SmoothingPatches &patches,
+void add_blend(const ElasticCells &body, const SmoothingPatches &patches, const EdgeBlends &blend,
                std::span<const Matrix3> strains, std::span<Matrix3> stresses);
 
 /// (S3), or (S7) by the law.
