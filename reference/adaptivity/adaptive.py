@@ -28,7 +28,7 @@ from palpate.reference.adaptivity.duals import (
     worst_of,
 )
 from palpate.reference.adaptivity.error_bars import (
-    error_bar_of_two,
+    error_bar_of_few,
     error_bars,
     goes_towards_inversion,
 )
@@ -162,19 +162,20 @@ class History:
     def decides(self, judged: Sequence[JudgedSolution], mesh: TetMesh) -> str:
         """A message if no finer mesh would change on which side of its limits anybody is.
 
-        Bars of two meshes are those that a truth of two has, `error_bar_of_two`.
+        Bars of few meshes are those that such a truth has, `error_bar_of_few`.
         """
         last = self.meshes[-1]
         if not judged or self._last is None or len(self.meshes) < 2:
             return ""
         bars = {goal.quantity: last["bars"][k] for k, goal in enumerate(self._goals)}
-        if len(self.meshes) == 2 and not self._is_singular:
-            estimates = zip(*(of["estimates"] for of in self.meshes), strict=True)
+        if not self._is_singular:
             bars = {
-                goal.quantity: error_bar_of_two(apart, both)
-                for goal, apart, both in zip(
-                    self._goals, last["differences"], estimates, strict=True
+                goal.quantity: error_bar_of_few(
+                    last["bars"][k],
+                    [of["differences"][k] for of in self.meshes[1:]],
+                    [of["estimates"][k] for of in self.meshes],
                 )
+                for k, goal in enumerate(self._goals)
             }
         is_decided = all(one.is_decided(mesh, self._last, bars) for one in judged)
         return "every verdict is certain" if is_decided else ""

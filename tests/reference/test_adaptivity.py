@@ -14,7 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
-from palpate.reference.adaptivity.error_bars import NOISE, SAFETY
+from palpate.reference.adaptivity.error_bars import NOISE, SAFETY, error_bar_of_few
 from palpate.reference.adaptivity.goals import (
     OF_PART,
     Budget,
@@ -253,8 +253,9 @@ def test_what_is_judged_has_three_meshes_within_its_unknowns(box):
     assert (found.num_cells[1:] > 1.3 * found.num_cells[:-1]).all()
     assert len(solve_adaptively(problem, goals, budget=budget, **options).num_cells) < 3
     fine = uniformly_refined(problem, 2, strain=Strain.LINEAR)
-    bar = found.bar("displacement_l2")
-    assert apart_in(goals[0].quantity, problem.mesh, fine, found) <= bar < 0.05
+    differences, estimates = found.differences[1:, 0].tolist(), found.estimates[:, 0].tolist()
+    bar = error_bar_of_few(found.bar("displacement_l2"), differences, estimates)
+    assert apart_in(goals[0].quantity, problem.mesh, fine, found) <= bar < 0.2
 
 
 @pytest.mark.dolfinx

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.mesher import mesh_surface
-from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.files import write_mesh
+from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.errors import ReferenceFailedError
@@ -204,8 +204,13 @@ def test_a_gentle_press_on_the_kidney_reaches_the_truth(tmp_path: Path) -> None:
     assert not any(line.startswith("tools from") for line in lines[:first])
 
 
-def test_the_displacement_of_a_fine_kidney_has_a_bar_that_decides(tmp_path: Path) -> None:
+def test_the_displacement_of_a_fine_kidney_has_a_bar_that_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """More than half of the usual unknowns on its own mesh, as an organ from a scan has."""
+    # Unknowns decide where its meshes end, not the clock: a busy machine finds the same.
+    for name in ("live.verdict._SECONDS", "references.statics.SECONDS"):
+        monkeypatch.setattr(f"palpate.validation.{name}", 3600.0)
     mesh = mesh_surface(shape_kidney(edge_length=6.4e-3))
     write_mesh(tmp_path / "kidney.vtu", TetMesh(mesh.points * 1e3, mesh.cells))
     path = tmp_path / "kidney.toml"
