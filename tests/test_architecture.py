@@ -287,7 +287,8 @@ LINES = {
     ),
     "tests": (
         65870,
-        "issue 39: truths of what is judged; issue 37: walls pushed back, bodies united, keys of points, zlib's level; "
+        "issue 39: truths of what is judged; "
+        "issue 37: walls pushed back, bodies united, keys of points, zlib's level; "
         "issue 35: cells under compression; "
         "issue 35: cells that fold; "
         "issue 38: what three new users stopped at; "
