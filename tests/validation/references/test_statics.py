@@ -84,6 +84,11 @@ def test_three_meshes_near_to_each_other_have_the_bar_of_the_first_and_the_last(
     # The second difference is no smaller than the first; the estimates halve in two steps.
     near = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.03, 0.02])
     assert near == error_bar_of_two(0.0201, (0.04, 0.02))
+    # A faster rate is believed as far as three meshes are.
+    fast = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.02, 0.012])
+    assert fast == pytest.approx(3.0 * 0.0201 * 0.3 / 0.7)
+    faster = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.02, 0.001])
+    assert faster == pytest.approx(3.0 * 0.0201 * 0.25 / 0.75)
     assert error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.039, 0.038]) == math.inf
     assert error_bar_of_few(math.inf, [0.01], [0.04, 0.02]) == error_bar_of_two(0.01, (0.04, 0.02))
     # A bar that there is stays, and more meshes than three that do not settle have none.
@@ -127,7 +132,8 @@ def test_the_bars_of_graded_meshes_are_those_of_stored_truths(block: Problem) ->
     unsettled = result(block, 3, bars=math.inf)
     assert graded_bars(block, Strain.LINEAR, unsettled)["volume"] == math.inf
     judged = graded_bars(block, Strain.LINEAR, unsettled, is_judged=True)
-    assert judged["volume"] == pytest.approx(3.0 * (0.025 + 1.025 * 0.05))
+    # The first of three has four times the estimate of the last.
+    assert judged["volume"] == pytest.approx(3.0 * (0.025 + 1.025 * 0.05) * 0.25 / 0.75)
     lost = result(block, 2, f"{LOST}, 900 cells", math.inf)
     assert set(graded_bars(block, Strain.LINEAR, lost).values()) == {math.inf}
 
