@@ -8,8 +8,8 @@ square of a norm is used for the norm itself.
 
 The L2 norm of the error of a displacement is not the error of its norm, which an error orthogonal
 to the displacement does not change. It is the component along the error, which is approximated by
-the change c since the mesh before: J(u) = (c, u) / (|c| |u|), in L2 between the case's points. Where
-other solutions are judged, c is the change from the first iterate on the first mesh.
+the change c since the mesh before: J(u) = (c, u) / (|c| |u|), in L2 between the case's points.
+Where other solutions are judged, c is the change from the first iterate on the first mesh.
 
 The largest displacement is that of one point, along itself; the largest difference is that of a
 point which is not known in advance and is sought on every mesh: where the displacement is largest,
