@@ -204,6 +204,7 @@ def test_a_gentle_press_on_the_kidney_reaches_the_truth(tmp_path: Path) -> None:
     assert not any(line.startswith("tools from") for line in lines[:first])
 
 
+@pytest.mark.timeout(3600)
 def test_the_displacement_of_a_fine_kidney_has_a_bar_that_decides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -368,6 +368,7 @@ def test_what_is_nearly_the_same_on_the_spot_is_solved_once(monkeypatch) -> None
 @pytest.mark.dolfinx
 @pytest.mark.dolfinx
 @pytest.mark.nightly
+@pytest.mark.timeout(3600)
 def test_bars_of_three_meshes_near_to_each_other_hold() -> None:
     """As the live page has them (`error_bar_of_few`), begun at linear tetrahedra on every body."""
     from palpate.reference.adaptivity.adaptive import solve_adaptively
