@@ -259,8 +259,8 @@ LINES = {
         "issue 37: regions with common walls; issue 38: equilibria from a start",
     ),
     "reference": (
-        11340,
-        "issue 35: cells under compression; "
+        11400,
+        "issue 39: three meshes for what is judged; issue 35: cells under compression; "
         "issue 35: contact over facets, friction and starts there, few that can be nearest; "
         "issue 36: masses on the surface; "
         "issue 39: where the truth has no limit, and where it is one of several; multigrid from "
@@ -269,7 +269,7 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        53930,
+        53940,
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
@@ -286,7 +286,8 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65750,
+        65870,
+        "issue 39: truths of what is judged; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level; "
         "issue 35: cells under compression; "
         "issue 35: cells that fold; "
@@ -370,7 +371,7 @@ LINES = {
         "against precision of press and strip; contact of others",
     ),
     "validation/references": (
-        3700,
+        3710,
         "issue 35: cells under compression; "
         "issue 38: steps that do not divide the outputs, truths of what is judged alone; "
         "issue 39: corners and branches",

@@ -28,7 +28,7 @@ from palpate.reference.adaptivity.duals import (
     worst_of,
 )
 from palpate.reference.adaptivity.error_bars import (
-    error_bar_of_two,
+    error_bar_of_few,
     error_bars,
     goes_towards_inversion,
 )
@@ -129,6 +129,14 @@ class History:
         is_slow = any(b < LEAST_GROWTH * a for a, b in itertools.pairwise(cells))
         return LEAST_PART if is_slow else 0.0
 
+    def next_cells(self, budget: Budget) -> tuple[float, float]:
+        """Fewest and most cells of the next mesh, with which there are enough meshes for a rate."""
+        last, left = self.meshes[-1], _MESHES_OF_A_RATE - len(self.meshes)
+        if left < 1:
+            return 0.0, math.inf
+        growth = (budget.unknowns / last["num_unknowns"]) ** (1.0 / left)
+        return min(LEAST_GROWTH, growth) * last["num_cells"], growth * last["num_cells"]
+
     def lose_limit(self) -> None:
         """Set all bars to infinity, because a finer mesh has no equilibrium."""
         self.meshes[-1]["bars"] = [math.inf] * len(self._goals)
@@ -154,19 +162,20 @@ class History:
     def decides(self, judged: Sequence[JudgedSolution], mesh: TetMesh) -> str:
         """A message if no finer mesh would change on which side of its limits anybody is.
 
-        Bars of two meshes are those that a truth of two has, `error_bar_of_two`.
+        Bars of few meshes are those that such a truth has, `error_bar_of_few`.
         """
         last = self.meshes[-1]
         if not judged or self._last is None or len(self.meshes) < 2:
             return ""
         bars = {goal.quantity: last["bars"][k] for k, goal in enumerate(self._goals)}
-        if len(self.meshes) == 2 and not self._is_singular:
-            estimates = zip(*(of["estimates"] for of in self.meshes), strict=True)
+        if not self._is_singular:
             bars = {
-                goal.quantity: error_bar_of_two(apart, both)
-                for goal, apart, both in zip(
-                    self._goals, last["differences"], estimates, strict=True
+                goal.quantity: error_bar_of_few(
+                    last["bars"][k],
+                    [of["differences"][k] for of in self.meshes[1:]],
+                    [of["estimates"][k] for of in self.meshes],
                 )
+                for k, goal in enumerate(self._goals)
             }
         is_decided = all(one.is_decided(mesh, self._last, bars) for one in judged)
         return "every verdict is certain" if is_decided else ""
@@ -211,6 +220,10 @@ LEAST_GROWTH, LEAST_PART = 1.5, 0.1
 # taken where a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved:
 # in confined compression 0.3 becomes 0, and strains of softened cells grow by more.
 SOFTENED = (0.35, 0.6, 0.8)
+# Bars of fewer meshes show no rate (`error_bars`).
+_MESHES_OF_A_RATE = 3
+# How near to the fewest cells is enough, and how often that is tried.
+_NEARLY, _MOST_TRIALS = 0.95, 8
 # A mesh of c times the cells takes at most about c^1.3 times as long.
 _GROWTH_OF_TIME = 1.3
 
@@ -251,7 +264,10 @@ def solve_adaptively(
             the tools where their paths end, and for the springs: see `first_mesh`.
         judged: Other solutions: no finer mesh is solved where bars decide on all of them, and no
             other one is tried where the next has no equilibrium and the law has lost its resistance
-            in a cell of the last.
+            in a cell of the last. The budget of unknowns is shared among the three meshes that
+            bars need, each with LEAST_GROWTH times the cells of the one before where there is room;
+            and the first of them is already refined for the error along the change from `start`, as
+            later ones are for that since the mesh before.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -280,12 +296,12 @@ def solve_adaptively(
     begin, base = time.perf_counter(), _memory()
     case_cell = np.arange(problem.mesh.num_cells)
     current = problem
+    before = start if judged else None
     if start is not None:
         current, start, case_cell = first_mesh(problem, start)
     history = History(goals)
     last: Equilibrium | None = None
     state: ReferenceResult | None = None
-    before: ReferenceResult | None = None
     first: ReferenceResult | None = None
     refined: LocallyRefined | None = None
     wrong, tries = np.zeros(0), 0
@@ -314,12 +330,13 @@ def solve_adaptively(
                 history.lose_limit()
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end, first)
-            marked = _marked(last, wrong, SOFTENED[tries], history.least_part)
+            rest = _left_to_cut(last, wrong, SOFTENED[tries])
+            marked = mark_bulk(rest, BULK, least=int(history.least_part * len(rest)))
             refined = refine_cells(last.problem, marked)
             current = refined.problem
             continue
         case_cell = case_cell if refined is None else case_cell[refined.given_cell]
-        last, before = found, state
+        last, before = found, before if state is None else state.displacement
         state = _on_case(found.result(), problem, current, case_cell)
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
         if first is None and current is problem:
@@ -331,8 +348,10 @@ def solve_adaptively(
         end = history.met() or history.decides(judged, problem.mesh)
         if not end:
             wrong = _together(errors, history.needs())
-            marked = _marked(last, wrong, SOFTENED[tries], history.least_part)
-            refined = refine_cells(current, marked)
+            rest = _left_to_cut(last, wrong, SOFTENED[tries])
+            marked = mark_bulk(rest, BULK, least=int(history.least_part * len(rest)))
+            between = history.next_cells(allowed) if judged else (0.0, math.inf)
+            refined = _refined(current, marked, rest, *between)
             end = (
                 _too_much(history, refined, allowed, time.perf_counter() - begin, base)
                 if marked.any()
@@ -347,22 +366,37 @@ def solve_adaptively(
         current = refined.problem
 
 
-def _marked(
-    found: Equilibrium, wrong: Floats, least_modulus: float, least_part: float
-) -> NDArray[np.bool_]:
-    """Cells to be cut: the bulk of the error, without softened cells and their neighbours.
-
-    They are at least a part of all cells, [0, 1].
-    """
-    cells = found.problem.mesh.cells
-    rest = wrong
+def _left_to_cut(found: Equilibrium, wrong: Floats, least_modulus: float) -> Floats:
+    """Errors of the cells, 0 in those that have softened and in their neighbours."""
     # Other laws stiffen in compression.
     law = found.problem.material.law
-    if found.discrete.strain is Strain.GREEN and law.is_linear_in_strain:
-        is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
-        is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
-        rest = np.where(is_soft[cells].any(axis=1), 0.0, wrong)
-    return mark_bulk(rest, BULK, least=int(least_part * len(cells)))
+    if found.discrete.strain is not Strain.GREEN or not law.is_linear_in_strain:
+        return wrong
+    cells = found.problem.mesh.cells
+    is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
+    is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
+    return np.where(is_soft[cells].any(axis=1), 0.0, wrong)
+
+
+def _refined(
+    problem: Problem, marked: NDArray[np.bool_], errors: Floats, fewest: float, most: float
+) -> LocallyRefined:
+    """Cut the marked cells, or so many of the worst that the number of cells is between bounds."""
+    refined = refine_cells(problem, marked)
+    worst, given = np.argsort(-errors, kind="stable"), problem.mesh.num_cells
+    count, largest = int(marked.sum()), int((errors > 0.0).sum())
+    for _ in range(_MOST_TRIALS):
+        made = refined.problem.mesh.num_cells
+        if _NEARLY * fewest <= made <= most or made == given:
+            break
+        # Aimed below the most, which neighbours that are cut too would exceed.
+        aim = fewest if made < fewest else 0.5 * (1.0 + _NEARLY) * most
+        wanted = int(count * max(0.0, aim - given) / (made - given))
+        count = min(max(wanted, 1), largest)
+        marked = np.zeros_like(marked)
+        marked[worst[:count]] = True
+        refined = refine_cells(problem, marked)
+    return refined
 
 
 def _yields(found: Equilibrium) -> str:

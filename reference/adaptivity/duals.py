@@ -9,6 +9,7 @@ square of a norm is used for the norm itself.
 The L2 norm of the error of a displacement is not the error of its norm, which an error orthogonal
 to the displacement does not change. It is the component along the error, which is approximated by
 the change c since the mesh before: J(u) = (c, u) / (|c| |u|), in L2 between the case's points.
+Where other solutions are judged, c is the change from the first iterate on the first mesh.
 
 The largest displacement is that of one point, along itself; the largest difference is that of a
 point which is not known in advance and is sought on every mesh: where the displacement is largest,
@@ -172,14 +173,15 @@ class Solved:
     Attributes:
         found: The equilibrium.
         state: Its result at the points and in the cells of the case's mesh.
-        before: The result on the mesh before; None on the first one.
+        before: The displacement on the mesh before, or another near it, at the case's points [m];
+            None where there is none.
         case_mesh: The case's mesh.
         case_cell: For each cell the cell of the case's mesh that it lies in, shape (num_cells,).
     """
 
     found: Equilibrium
     state: ReferenceResult
-    before: ReferenceResult | None
+    before: Points | None
     case_mesh: TetMesh
     case_cell: Indices
 
@@ -276,7 +278,7 @@ def duals_of(goal: Goal, solved: Solved, rough: Floats) -> list[Key]:
     if goal.quantity is Quantity.DISPLACEMENT_MAX:
         found = [_along(moved, point) for point in (largest, *_roughest(solved, rough))]
         if solved.before is not None:
-            since = moved - solved.before.displacement
+            since = moved - solved.before
             found.append(_along(since, int(np.argmax(np.linalg.norm(since, axis=1)))))
         return list(dict.fromkeys(found))
     if goal.quantity is Quantity.DISPLACEMENT_L2 and solved.before is not None:
@@ -360,7 +362,7 @@ def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
         forces = np.zeros_like(moved)
         forces[key.point] = key.along
         return forces / (float(np.linalg.norm(moved, axis=1).max()) or 1.0)
-    change = moved if solved.before is None else moved - solved.before.displacement
+    change = moved if solved.before is None else moved - solved.before
     return l2_gradient(mesh, change) / (l2_norm(mesh, moved) or 1.0)
 
 

@@ -172,16 +172,37 @@ def goes_towards_inversion(smallest_det_f: Sequence[float]) -> bool:
     return bool(now * (now / before) ** _MESHES_AHEAD >= 1.0 - DET_F_OF_SOFTENING)
 
 
-def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
+def error_bar_of_few(bar: float, differences: Sequence[float], estimates: Sequence[float]) -> float:
+    """Error bar of a quantity on the last of a few meshes that are near to each other.
+
+    That of two meshes is `error_bar_of_two`. Of three that are too near to each other to show a
+    rate, whose bar is infinite by the formula above, the first and the last are taken as two: they
+    are apart by at most both differences, and the ratio of their estimates is believed down to the
+    formula's own LEAST_RATIO. On the calibration's 71 static problems, each mesh with 1.6 times the
+    cells of the last one, 60 have a bar then and 42 without; of both all hold, the errors being at
+    most 0.61 of them. By the first and the last alone 56 would have one, and be at most 0.59 of it.
+    """
+    match differences:
+        case [apart]:
+            return error_bar_of_two(apart, estimates)
+        case [before, last] if math.isinf(bar):
+            apart, both = last + (1.0 + last) * before, (estimates[0], estimates[-1])
+            return error_bar_of_two(apart, both, least_ratio=LEAST_RATIO)
+    return bar
+
+
+def error_bar_of_two(
+    difference: float, estimates: Sequence[float], *, least_ratio: float = LEAST_RATIO_OF_TWO
+) -> float:
     """Error bar of a quantity on the finer of two meshes, where a third could not be solved.
 
-    The formula above with the estimates' ratio alone, LEAST_RATIO_OF_TWO and SAFETY_OF_TWO.
-    Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates on both do not decrease.
+    The formula above with the estimates' ratio alone, its least value and SAFETY_OF_TWO. Relative,
+    >= SAFETY_OF_TWO NOISE; infinite where the estimates on both do not decrease.
     """
     if not np.isfinite([difference, *estimates]).all():
         return math.inf
     before, last = estimates
-    ratio = max(LEAST_RATIO_OF_TWO, last / before) if before > 0.0 else LEAST_RATIO_OF_TWO
+    ratio = max(least_ratio, last / before) if before > 0.0 else least_ratio
     if difference > NOISE and ratio > LARGEST_RATIO:
         return math.inf
     ratio = min(ratio, LARGEST_RATIO)

@@ -14,7 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
-from palpate.reference.adaptivity.error_bars import NOISE, SAFETY
+from palpate.reference.adaptivity.error_bars import NOISE, SAFETY, error_bar_of_few
 from palpate.reference.adaptivity.goals import (
     OF_PART,
     Budget,
@@ -235,6 +235,27 @@ def test_it_ends_where_it_decides_on_what_is_judged(box):
     assert len(solve(far, on_edge).num_cells) > len(found.num_cells)
     # Without limits nothing is asked.
     assert solve(JudgedSolution(near.displacement, force, {})).ended != found.ended
+
+
+@pytest.mark.dolfinx
+def test_what_is_judged_has_three_meshes_within_its_unknowns(box):
+    """The error is along four edges: without these shares a second mesh would be the last."""
+    problem = clamped(box((4, 2, 2), (2.0, 1.0, 1.0)))
+    goals = [Goal(Quantity.DISPLACEMENT_L2, 1e-4)]
+    coarse = solve_static(problem, strain=Strain.LINEAR, degree=1).displacement
+    options = {"strain": Strain.LINEAR, "start": coarse}
+    first = solve_adaptively(problem, goals, budget=Budget(unknowns=1.0), **options)
+    budget = Budget(unknowns=2.5 * float(first.num_unknowns[0]))
+    judged = (JudgedSolution(coarse, np.zeros((0, 3)), {}),)
+    found = solve_adaptively(problem, goals, budget=budget, judged=judged, **options)
+    assert len(found.num_cells) == 3
+    assert found.num_unknowns[-1] <= budget.unknowns
+    assert (found.num_cells[1:] > 1.3 * found.num_cells[:-1]).all()
+    assert len(solve_adaptively(problem, goals, budget=budget, **options).num_cells) < 3
+    fine = uniformly_refined(problem, 2, strain=Strain.LINEAR)
+    differences, estimates = found.differences[1:, 0].tolist(), found.estimates[:, 0].tolist()
+    bar = error_bar_of_few(found.bar("displacement_l2"), differences, estimates)
+    assert apart_in(goals[0].quantity, problem.mesh, fine, found) <= bar < 0.2
 
 
 @pytest.mark.dolfinx

@@ -321,7 +321,7 @@ class _LiveRun:
             found = refine_truth(self.problem, strain, self.asked, self.progress)
         if (TRUTH, strain) in self.failures:
             return
-        bars = graded_bars(self.problem, strain, found)
+        bars = graded_bars(self.problem, strain, found, is_judged=bool(self.asked.judged))
         on_case = found.first if bars else found
         stress: dict[str, Any] = {}
         if on_case is not None:
@@ -370,22 +370,28 @@ class _LiveRun:
                 )
 
 
-def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict[str, float]:
+def graded_bars(
+    problem: Problem, strain: Strain, found: AdaptiveResult, *, is_judged: bool = False
+) -> dict[str, float]:
     """Bars of a truth on graded meshes: from three or more as stored ones have, else from two.
+
+    Where solutions are judged, three meshes are near to each other: see `error_bar_of_few`.
 
     Returns:
         Bars by metric; none where there is one mesh alone.
     """
-    from palpate.reference.adaptivity.error_bars import error_bar_of_two
+    from palpate.reference.adaptivity.error_bars import error_bar_of_few
     from palpate.reference.adaptivity.goals import has_point_forces
 
     is_lost = found.ended.startswith(LOST)
     if len(found.num_cells) < 2 and not is_lost:
         return {}
-    if len(found.num_cells) != 2 or is_lost:
+    if is_lost or len(found.num_cells) > (3 if is_judged else 2):
         return {m: found.bar(m) for m in whole_metrics(problem) if m in found.quantities}
     bars = {
-        name: error_bar_of_two(float(found.differences[-1, k]), found.estimates[:, k].tolist())
+        name: error_bar_of_few(
+            found.bar(name), found.differences[1:, k].tolist(), found.estimates[:, k].tolist()
+        )
         for k, name in enumerate(found.quantities)
     }
     if not has_point_forces(problem, found):

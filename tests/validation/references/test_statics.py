@@ -13,7 +13,7 @@ from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.reference.adaptivity.error_bars import error_bar_of_two
+from palpate.reference.adaptivity.error_bars import error_bar_of_few, error_bar_of_two
 from palpate.reference.adaptivity.goals import Budget
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
@@ -80,6 +80,22 @@ def test_two_meshes_have_a_wider_bar_than_three() -> None:
     assert error_bar_of_two(math.inf, (0.04, 0.02)) == math.inf
 
 
+def test_three_meshes_near_to_each_other_have_the_bar_of_the_first_and_the_last() -> None:
+    # The second difference is no smaller than the first; the estimates halve in two steps.
+    near = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.03, 0.02])
+    assert near == error_bar_of_two(0.0201, (0.04, 0.02))
+    # A faster rate is believed as far as three meshes are.
+    fast = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.02, 0.012])
+    assert fast == pytest.approx(3.0 * 0.0201 * 0.3 / 0.7)
+    faster = error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.02, 0.001])
+    assert faster == pytest.approx(3.0 * 0.0201 * 0.25 / 0.75)
+    assert error_bar_of_few(math.inf, [0.01, 0.01], [0.04, 0.039, 0.038]) == math.inf
+    assert error_bar_of_few(math.inf, [0.01], [0.04, 0.02]) == error_bar_of_two(0.01, (0.04, 0.02))
+    # A bar that there is stays, and more meshes than three that do not settle have none.
+    assert error_bar_of_few(0.05, [0.01, 0.01], [0.04, 0.03, 0.02]) == 0.05
+    assert error_bar_of_few(math.inf, [0.01] * 3, [0.04, 0.03, 0.02, 0.01]) == math.inf
+
+
 def result(problem: Problem, meshes: int, ended: str = "", bars: float = 0.002) -> AdaptiveResult:
     """Of so many meshes, each half as far from the next."""
     names = tuple(WHOLE_BODY_METRICS)
@@ -113,6 +129,11 @@ def test_the_bars_of_graded_meshes_are_those_of_stored_truths(block: Problem) ->
     assert graded_bars(block, Strain.LINEAR, result(block, 1)) == {}
     assert graded_bars(block, Strain.LINEAR, result(block, 2))["volume"] == pytest.approx(0.15)
     assert graded_bars(block, Strain.LINEAR, result(block, 3))["volume"] == 0.002
+    unsettled = result(block, 3, bars=math.inf)
+    assert graded_bars(block, Strain.LINEAR, unsettled)["volume"] == math.inf
+    judged = graded_bars(block, Strain.LINEAR, unsettled, is_judged=True)
+    # The first of three has four times the estimate of the last.
+    assert judged["volume"] == pytest.approx(3.0 * (0.025 + 1.025 * 0.05) * 0.25 / 0.75)
     lost = result(block, 2, f"{LOST}, 900 cells", math.inf)
     assert set(graded_bars(block, Strain.LINEAR, lost).values()) == {math.inf}
 

@@ -8,6 +8,7 @@ import re
 import tarfile
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from calibration_recipe.smooth import smooth_problem
 from scipy.optimize import brentq
 
 from palpate.meshes.errors import FileFormatError
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Strain
 from palpate.meshes.problem_files import problem_arrays
@@ -364,6 +366,46 @@ def test_what_is_nearly_the_same_on_the_spot_is_solved_once(monkeypatch) -> None
 
 
 @pytest.mark.dolfinx
+@pytest.mark.dolfinx
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+def test_bars_of_three_meshes_near_to_each_other_hold() -> None:
+    """As the live page has them (`error_bar_of_few`), begun at linear tetrahedra on every body."""
+    from palpate.reference.adaptivity.adaptive import solve_adaptively
+    from palpate.reference.adaptivity.error_bars import error_bar_of_few
+    from palpate.reference.adaptivity.goals import Budget, Goal, JudgedSolution, Quantity
+    from palpate.reference.result import formulation_for
+    from palpate.reference.statics import solve_static
+
+    goals = [Goal(Quantity.DISPLACEMENT_L2, 1e-9)]
+    bars, errors = [], []
+    for known in known_problems():
+        problem, solution = known.problem, known.solution
+        if solution is None or problem.time is not None or known.surface:
+            continue
+        start = solve_static(problem, strain=known.strain, degree=1).displacement
+        nothing = np.zeros((len(problem.tools), 3))
+        options: dict[str, Any] = {
+            "strain": known.strain, "formulation": formulation_for(problem, 2), "start": start,
+            "judged": (JudgedSolution(start, nothing, {}),), "relative_tolerance": 1e-6,
+        }  # fmt: skip
+        first = solve_adaptively(problem, goals, budget=Budget(unknowns=1.0), **options)
+        budget = Budget(unknowns=2.5 * float(first.num_unknowns[0]))
+        found = solve_adaptively(problem, goals, budget=budget, **options)
+        if len(found.num_cells) != 3:
+            continue
+        differences, estimates = found.differences[1:, 0].tolist(), found.estimates[:, 0].tolist()
+        bars.append(error_bar_of_few(found.bar("displacement_l2"), differences, estimates))
+        apart = l2_norm(problem.mesh, solution.displacement - found.displacement)
+        errors.append(apart / l2_norm(problem.mesh, found.displacement))
+    # Displacements that are prescribed everywhere are exact.
+    off = np.array(errors) > 1e-7
+    misses = np.array(errors)[off] / np.array(bars)[off]
+    assert off.sum() > 50
+    assert (misses <= 1.0).all()
+    assert np.isfinite(np.array(bars)[off]).mean() > 0.75
+
+
 @pytest.mark.nightly
 def test_some_problems_keep_their_word() -> None:
     chosen = [p for p in known_problems() if p.name in QUICK]
