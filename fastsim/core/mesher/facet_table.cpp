@@ -30,12 +30,7 @@ FacetTable::FacetTable(std::span<const Triple> facets) {
                   });
 }
 
-Index FacetTable::find(const Triple &facet) const {
-    const auto count = static_cast<Index>(_first.size()) - 1;
-    // Most facets that are asked about have a corner inside.
-    if (facet[0] >= count || facet[1] >= count || facet[2] >= count)
-        return none;
-    const Triple t = sorted_triple(facet[0], facet[1], facet[2]);
+Index FacetTable::search(const Triple &t) const {
     const auto end =
         _entries.begin() + static_cast<std::ptrdiff_t>(_first[TetComplex::at(t[0]) + 1]);
     const auto found = std::lower_bound(

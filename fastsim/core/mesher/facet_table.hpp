@@ -13,9 +13,17 @@ class FacetTable {
     explicit FacetTable(std::span<const Triple> facets);
 
     /// Number of the facet with these corners, the first of equal ones, or none.
-    Index find(const Triple &facet) const;
+    Index find(const Triple &facet) const {
+        const auto count = static_cast<Index>(_first.size()) - 1;
+        // Most facets that are asked about have a corner inside.
+        if (facet[0] >= count || facet[1] >= count || facet[2] >= count)
+            return none;
+        return search(sorted_triple(facet[0], facet[1], facet[2]));
+    }
 
   private:
+    Index search(const Triple &t) const;
+
     struct Entry {
         Index middle, largest, facet;
     };
