@@ -1,5 +1,6 @@
 #include "slivers/cell_quality.hpp"
 
+#include "predicates/length.hpp"
 #include "slivers/wide.hpp"
 
 #include <algorithm>
@@ -155,7 +156,8 @@ PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
     std::memcpy(excesses, &excess, sizeof excess);
 }
 
-CellShape<double> shape_of(const TetComplex &complex, const Cell &cell) {
+inline __attribute__((always_inline)) CellShape<double> shape_of(const TetComplex &complex,
+                                                                 const Cell &cell) {
     double x[4][3];
     for (std::size_t i = 0; i < 4; ++i)
         for (std::size_t j = 0; j < 3; ++j)
@@ -163,7 +165,8 @@ CellShape<double> shape_of(const TetComplex &complex, const Cell &cell) {
     return CellShape<double>(x);
 }
 
-double rate(const TetComplex &complex, const CellShape<double> &s) {
+inline __attribute__((always_inline)) double rate(const TetComplex &complex,
+                                                  const CellShape<double> &s) {
     double quality = 0.0;
     s.find_smallest_sine(quality);
     if (is_told(quality)) {
@@ -181,6 +184,32 @@ double rate(const TetComplex &complex, const CellShape<double> &s) {
 
 // A deviation is at most half the range, so at most (longest / shortest - 1) / 2 of the mean.
 double squared_ratio_of(double limit) { return (1.0 + 1.99 * limit) * (1.0 + 1.99 * limit); }
+
+struct Rates {
+    std::array<double, lanes> qualities, excesses;
+};
+
+/// Four cells at most.
+Rates rate_few(const TetComplex &complex, std::span<const Index> cells, double limit) {
+    std::array<double, lanes> corners[4][3];
+    std::array<double, lanes> sines;
+    Rates rates;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        // What is no cell is rated as another, and that is not looked at.
+        const Cell &cell = complex.cell(cells[std::min(l, cells.size() - 1)]);
+        for (std::size_t i = 0; i < 4; ++i) {
+            const Point &p = complex.points[TetComplex::at(std::max(cell[i], Index{0}))];
+            for (std::size_t j = 0; j < 3; ++j)
+                corners[i][j][l] = p[j];
+        }
+    }
+    rate_four(corners, complex.wanted_altitude, squared_ratio_of(limit), sines.data(),
+              rates.qualities.data(), rates.excesses.data());
+    for (std::size_t l = 0; l < cells.size(); ++l)
+        if (!is_told(sines[l]) && complex.is_alive(cells[l]))
+            rates.qualities[l] = rate(complex, shape_of(complex, complex.cell(cells[l])));
+    return rates;
+}
 
 // Products of areas and volumes that are as far from the ends of the range; and the part of a floor
 // that hides no rounding.
@@ -206,36 +235,32 @@ double cell_quality_above(const TetComplex &complex, const Cell &cell, double fl
     return rate(complex, s);
 }
 
+void rate_cells(const TetComplex &complex, std::span<const Index> cells,
+                std::vector<double> &qualities) {
+    for (std::size_t first = 0; first < cells.size(); first += lanes) {
+        const auto few = cells.subspan(first, std::min(lanes, cells.size() - first));
+        const Rates rates = rate_few(complex, few, 0.0);
+        for (std::size_t l = 0; l < few.size(); ++l)
+            qualities[TetComplex::at(few[l])] = rates.qualities[l];
+    }
+}
+
 std::vector<double> cell_qualities(const TetComplex &complex, double limit,
                                    std::vector<char> *is_uneven) {
     const std::size_t count = complex.num_slots();
     std::vector<double> result(count);
-    std::array<double, lanes> corners[4][3];
-    std::array<double, lanes> sines, qualities, excesses;
     if (is_uneven != nullptr)
         is_uneven->assign(count, 0);
     for (std::size_t first = 0; first < count; first += lanes) {
+        std::array<Index, lanes> slots{};
         const std::size_t size = std::min(lanes, count - first);
-        for (std::size_t l = 0; l < lanes; ++l) {
-            // What is no cell is rated as another, and that is not looked at.
-            const auto slot = static_cast<Index>(first + std::min(l, size - 1));
-            for (std::size_t i = 0; i < 4; ++i) {
-                const Index v = complex.cell(slot)[i];
-                const Point &p = complex.points[TetComplex::at(std::max(v, Index{0}))];
-                for (std::size_t j = 0; j < 3; ++j)
-                    corners[i][j][l] = p[j];
-            }
-        }
-        rate_four(corners, complex.wanted_altitude, squared_ratio_of(limit), sines.data(),
-                  qualities.data(), excesses.data());
+        for (std::size_t l = 0; l < size; ++l)
+            slots[l] = static_cast<Index>(first + l);
+        const Rates rates = rate_few(complex, std::span(slots).first(size), limit);
         for (std::size_t l = 0; l < size; ++l) {
-            const auto slot = static_cast<Index>(first + l);
+            result[first + l] = rates.qualities[l];
             if (is_uneven != nullptr)
-                (*is_uneven)[first + l] = excesses[l] >= 0.0 ? 1 : 0;
-            if (is_told(sines[l]) || !complex.is_alive(slot))
-                result[first + l] = qualities[l];
-            else
-                result[first + l] = cell_quality(complex, complex.cell(slot));
+                (*is_uneven)[first + l] = rates.excesses[l] >= 0.0 ? 1 : 0;
         }
     }
     return result;
@@ -257,14 +282,14 @@ double find_wanted_altitude(const TetComplex &complex) {
                 for (std::size_t i = 0; i < 3; ++i)
                     edges[m % 2][i] = b[i] - a[i];
                 const Point &e = edges[m % 2];
-                const double length = std::hypot(e[0], e[1], e[2]);
+                const double length = length_of(e[0], e[1], e[2]);
                 longest = std::max(longest, length);
                 sum += length;
                 count += 1.0;
             }
             const auto &[u, v] = edges;
-            const double area = std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
-                                           u[0] * v[1] - u[1] * v[0]);
+            const double area = length_of(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                                          u[0] * v[1] - u[1] * v[0]);
             thinnest = std::min(thinnest, area / longest);
         }
     }

@@ -17,6 +17,10 @@ double cell_quality(const TetComplex &complex, const Cell &cell);
 /// `floor` is at least 0.
 double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor);
 
+/// The qualities of some living cells, by slot.
+void rate_cells(const TetComplex &complex, std::span<const Index> cells,
+                std::vector<double> &qualities);
+
 /// The quality of all living cells, by slot; of others some number. Where `is_uneven` is given,
 /// also whether a cell's edge_length_deviation may be above a limit: of most cells it surely isn't.
 std::vector<double> cell_qualities(const TetComplex &complex, double limit = 0.0,

@@ -67,8 +67,7 @@ class SliverRemoval {
             if (!_complex.is_alive(c))
                 continue;
             if (_quality[slot] >= _target) {
-                if (is_perhaps_uneven(slot) && has_changed_since(c, _last_pass) &&
-                    is_edge_length_deviation_above(_complex, c, largest_deviation) && has_news(c))
+                if (has_changed_since(c, _last_pass) && is_uneven(c) && has_news(c))
                     bad.emplace_back(_quality[slot], c);
                 continue;
             }
@@ -139,9 +138,12 @@ class SliverRemoval {
   private:
     double quality_of(Index c) const { return _quality[TetComplex::at(c)]; }
 
-    /// At first this was found of all cells at once.
-    bool is_perhaps_uneven(std::size_t slot) const {
-        return _last_pass > 0 || _is_uneven[slot] != 0;
+    /// Whether a cell is bad by its edges.
+    bool is_uneven(Index c) {
+        char &answer = _is_uneven[TetComplex::at(c)];
+        if (answer != 0 && !is_edge_length_deviation_above(_complex, c, largest_deviation))
+            answer = 0;
+        return answer != 0;
     }
 
     /// Whether something near a cell has changed since it was worked on in vain.
@@ -293,6 +295,7 @@ class SliverRemoval {
 
     void note_fresh_cells() {
         _quality.resize(_complex.num_slots());
+        _is_uneven.resize(_complex.num_slots());
         _tried.resize(_complex.num_slots());
         _changed.resize(_complex.points.size());
         _unmoved.resize(_complex.points.size());
@@ -304,8 +307,9 @@ class SliverRemoval {
 
     void note(const std::vector<Index> &cells) {
         ++_turn;
+        rate_cells(_complex, cells, _quality);
         for (const Index c : cells) {
-            _quality[TetComplex::at(c)] = cell_quality(_complex, _complex.cell(c));
+            _is_uneven[TetComplex::at(c)] = 1;
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
@@ -320,7 +324,7 @@ class SliverRemoval {
     std::size_t _most_work;
     Watch &_watch;
     std::vector<double> _quality;        // by slot
-    std::vector<char> _is_uneven;        // by slot, at first
+    std::vector<char> _is_uneven;        // by slot: 0 where its edges surely are alike enough
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<int> _refusals;          // by slot: insertions tried in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
