@@ -386,7 +386,7 @@ def require_boundary(facets: Indices, mesh: TetMesh) -> None:
     Raises:
         BoundaryRecoveryError: With the facets that are not there.
     """
-    if _core.is_boundary(facets, mesh.cells):
+    if _core.is_boundary(np.ascontiguousarray(facets), mesh.cells):
         return
 
     def in_order(rows: Indices) -> Indices:

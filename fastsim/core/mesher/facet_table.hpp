@@ -21,6 +21,13 @@ class FacetTable {
         return search(sorted_triple(facet[0], facet[1], facet[2]));
     }
 
+    /// Whether one of a cell's facets can be among them: of most cells inside two corners are too
+    /// high.
+    bool may_have_one_of(const Cell &cell) const {
+        const auto count = static_cast<Index>(_first.size()) - 1;
+        return (cell[0] < count) + (cell[1] < count) + (cell[2] < count) + (cell[3] < count) > 2;
+    }
+
   private:
     Index search(const Triple &t) const;
 

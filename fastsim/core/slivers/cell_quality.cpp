@@ -235,13 +235,15 @@ double cell_quality_above(const TetComplex &complex, const Cell &cell, double fl
     return rate(complex, s);
 }
 
-void rate_cells(const TetComplex &complex, std::span<const Index> cells,
-                std::vector<double> &qualities) {
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
+                std::vector<double> &qualities, std::vector<char> &is_uneven) {
     for (std::size_t first = 0; first < cells.size(); first += lanes) {
         const auto few = cells.subspan(first, std::min(lanes, cells.size() - first));
-        const Rates rates = rate_few(complex, few, 0.0);
-        for (std::size_t l = 0; l < few.size(); ++l)
+        const Rates rates = rate_few(complex, few, limit);
+        for (std::size_t l = 0; l < few.size(); ++l) {
             qualities[TetComplex::at(few[l])] = rates.qualities[l];
+            is_uneven[TetComplex::at(few[l])] = rates.excesses[l] >= 0.0 ? 1 : 0;
+        }
     }
 }
 

@@ -17,12 +17,13 @@ double cell_quality(const TetComplex &complex, const Cell &cell);
 /// `floor` is at least 0.
 double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor);
 
-/// The qualities of some living cells, by slot.
-void rate_cells(const TetComplex &complex, std::span<const Index> cells,
-                std::vector<double> &qualities);
+/// The qualities of some living cells, by slot, and whether their edge_length_deviation may be
+/// above a limit: of most cells it surely isn't.
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
+                std::vector<double> &qualities, std::vector<char> &is_uneven);
 
-/// The quality of all living cells, by slot; of others some number. Where `is_uneven` is given,
-/// also whether a cell's edge_length_deviation may be above a limit: of most cells it surely isn't.
+/// The quality of all living cells, by slot; of others some number. The same of `is_uneven` where
+/// it is given.
 std::vector<double> cell_qualities(const TetComplex &complex, double limit = 0.0,
                                    std::vector<char> *is_uneven = nullptr);
 

@@ -64,9 +64,10 @@ class SliverRemoval {
         double wanting = 0.0;
         for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
             const auto c = static_cast<Index>(slot);
-            if (!_complex.is_alive(c))
+            const bool is_good = _quality[slot] >= _target;
+            if ((is_good && _is_uneven[slot] == 0) || !_complex.is_alive(c))
                 continue;
-            if (_quality[slot] >= _target) {
+            if (is_good) {
                 if (has_changed_since(c, _last_pass) && is_uneven(c) && has_news(c))
                     bad.emplace_back(_quality[slot], c);
                 continue;
@@ -307,9 +308,8 @@ class SliverRemoval {
 
     void note(const std::vector<Index> &cells) {
         ++_turn;
-        rate_cells(_complex, cells, _quality);
+        rate_cells(_complex, cells, largest_deviation, _quality, _is_uneven);
         for (const Index c : cells) {
-            _is_uneven[TetComplex::at(c)] = 1;
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
