@@ -24,11 +24,11 @@ from palpate.fastsim.surface_remesher import (
     mean_edge_length,
     remesh_surface,
     require_no_self_intersection,
+    require_solid,
 )
 from palpate.meshes.arrays import Indices, Points, checked_points
 from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.shapes import require_positive
-from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
@@ -269,7 +269,7 @@ def mesh_surface(
             size_field=size_field,
             progress=progress,
         )
-    require_closed(surface)
+    require_solid(surface)
     used, facets = compact_facets(surface)
     points = np.ascontiguousarray(surface.points[used])
     size = mean_edge_length(points, facets) if edge_length is None else edge_length
@@ -386,6 +386,8 @@ def require_boundary(facets: Indices, mesh: TetMesh) -> None:
     Raises:
         BoundaryRecoveryError: With the facets that are not there.
     """
+    if _core.is_boundary(np.ascontiguousarray(facets), mesh.cells):
+        return
 
     def in_order(rows: Indices) -> Indices:
         # Corners ascending, then rows; one number for two corners sorts faster than two.

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
 from palpate.fastsim.percent import Percent
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Integers, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
@@ -99,7 +98,7 @@ def remesh_surface(
         SurfaceError: The given surface does not bound a solid, or intersects itself.
         RemeshError: No way was found to stay within the distance.
     """
-    require_closed(surface)
+    require_solid(surface)
     used, facets = compact_facets(surface)
     # About a local origin, where lengths are not lost beside a far-off one.
     origin = surface.points[used].mean(axis=0)
@@ -122,7 +121,7 @@ def remesh_surface(
         kept = keep_volume(moved, new_facets, (points, facets), distance=distance, reached=apart)
         moved = kept.points
         new = TriSurface(moved + origin, new_facets)
-        require_closed(new)
+        require_solid(new)
         return new, RemeshReport(
             kept.distance,
             new.volume / surface.volume - 1.0,
@@ -300,9 +299,13 @@ def _volume(points: Points, facets: Indices) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
-def compact_facets(surface: TriSurface) -> tuple[NDArray[np.int32], Indices]:
+def compact_facets(surface: TriSurface) -> tuple[Integers, Indices]:
     """Points that facets use, ascending, and the facets numbered by them, shape (num_facets, 3)."""
-    used = np.unique(surface.facets)
+    is_used = np.zeros(len(surface.points), dtype=bool)
+    is_used[surface.facets] = True
+    used = np.flatnonzero(is_used)
+    if len(used) == len(is_used):
+        return used, surface.facets
     renumber = np.full(len(surface.points), -1, dtype=np.int32)
     renumber[used] = np.arange(len(used), dtype=np.int32)
     return used, np.ascontiguousarray(renumber[surface.facets])
@@ -311,6 +314,12 @@ def compact_facets(surface: TriSurface) -> tuple[NDArray[np.int32], Indices]:
 def mean_edge_length(points: Points, facets: Indices) -> float:
     """Mean over the facets' sides [m]; each edge of a closed surface counts twice."""
     return float(side_lengths(points[facets]).mean())
+
+
+def require_solid(surface: TriSurface) -> None:
+    """As `surface_checks.require_closed`, of which a plain shell is spared the work."""
+    if not _core.is_plain_shell(surface.points, surface.facets):
+        require_closed(surface)
 
 
 def require_no_self_intersection(points: Points, facets: Indices, *, most: int) -> None:

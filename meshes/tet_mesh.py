@@ -20,17 +20,24 @@ CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.in
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 # Cells processed at once: few enough for the processor's cache.
-_BLOCK = 4096
+_BLOCK = 2048
 
 
 def signed_volumes(points: Points, cells: Indices) -> Floats:
     """Signed volume of each cell, det(x1 - x0, x2 - x0, x3 - x0) / 6 [m3], shape (num_cells,)."""
     volumes = np.empty(len(cells))
+    coordinates = np.ascontiguousarray(points.T)
     for first in range(0, len(cells), _BLOCK):
-        block = cells[first : first + _BLOCK]
-        origin = points[block[:, 0]]
-        a, b, c = (points[block[:, k]] - origin for k in (1, 2, 3))
-        volumes[first : first + _BLOCK] = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
+        # Corner by corner and axis by axis, so that numpy works on long rows.
+        corners = np.ascontiguousarray(cells[first : first + _BLOCK].T, dtype=np.intp)
+        x, y, z = coordinates.take(corners, axis=1)
+        for along in (x, y, z):
+            along[1:] -= along[0]
+        volumes[first : first + _BLOCK] = (
+            (y[1] * z[2] - z[1] * y[2]) * x[3]
+            + (x[1] * y[2] - y[1] * x[2]) * z[3]
+            + (z[1] * x[2] - x[1] * z[2]) * y[3]
+        ) / 6.0
     return volumes
 
 

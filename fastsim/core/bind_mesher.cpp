@@ -5,6 +5,7 @@
 #include "mesher/mesh_surface.hpp"
 #include "predicates/predicates.hpp"
 #include "slivers/star.hpp"
+#include "surface/plain_shell.hpp"
 #include "surface/self_intersection.hpp"
 
 #include <nanobind/stl/array.h>
@@ -79,6 +80,26 @@ void bind_mesher(nb::module_ &module) {
             return as_table<Index, 3>(facets);
         },
         nb::arg("cells").noconvert(), nb::arg("num_points"));
+
+    module.def(
+        "is_boundary",
+        [](Facets facets, Cells cells) {
+            const auto facet_rows = as_rows<Triple>(facets);
+            const auto cell_rows = as_rows<Cell>(cells);
+            nb::gil_scoped_release release;
+            return is_boundary(facet_rows, cell_rows);
+        },
+        nb::arg("facets").noconvert(), nb::arg("cells").noconvert());
+
+    module.def(
+        "is_plain_shell",
+        [](Points points, Facets facets) {
+            const auto point_rows = as_rows<Point>(points);
+            const auto facet_rows = as_rows<Triple>(facets);
+            nb::gil_scoped_release release;
+            return is_plain_shell(point_rows, facet_rows);
+        },
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert());
 
     module.def(
         "find_self_intersections",

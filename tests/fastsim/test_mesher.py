@@ -22,8 +22,14 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import dihedral_angles, edge_lengths, measure_quality
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
+from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
-from palpate.meshes.tri_surface import OpenSurfaceError, SelfIntersectionError, TriSurface
+from palpate.meshes.tri_surface import (
+    OpenSurfaceError,
+    SelfIntersectionError,
+    SurfaceError,
+    TriSurface,
+)
 
 # Volumes are sums of as many roundings as there are cells: 1e-12 leaves room for 1e4.
 VOLUME_TOLERANCE = 1e-12
@@ -177,6 +183,44 @@ def test_shells_that_cross_are_refused() -> None:
     assert (second >= ball.num_facets).all()
 
 
+def _crosses(points: list[list[float]], segment: tuple[int, int], facet: tuple[int, ...]) -> bool:
+    """For points of which no four lie in one plane."""
+    p, q = (points[k] for k in segment)
+    a, b, c = (points[k] for k in facet)
+    turns = {_core.orient3d(p, q, *pair) for pair in ((a, b), (b, c), (c, a))}
+    return _core.orient3d(a, b, c, p) != _core.orient3d(a, b, c, q) and len(turns) == 1
+
+
+def test_facets_at_one_point_that_cross_are_found_and_no_others() -> None:
+    random = np.random.default_rng(3)
+    facets = np.array([[0, 1, 2], [0, 3, 4]], dtype=np.int32)
+    met = 0
+    for _ in range(400):
+        points = random.normal(size=(5, 3))
+        rows = points.tolist()
+        wanted = _crosses(rows, (1, 2), (0, 3, 4)) or _crosses(rows, (3, 4), (0, 1, 2))
+        assert len(_core.find_self_intersections(points, facets, 5)) == wanted
+        met += wanted
+    assert 40 < met < 360
+
+
+def test_self_intersections_are_those_of_all_pairs() -> None:
+    random = np.random.default_rng(5)
+    ball = shape_sphere(1.0, edge_length=0.6)
+    for size in (0.0, 0.05, 0.3, 0.5):
+        points = ball.points + size * random.normal(size=ball.points.shape)
+        wanted = [
+            [i, j]
+            for j in range(ball.num_facets)
+            for i in range(j)
+            if len(_core.find_self_intersections(points, ball.facets[[i, j]], 1))
+        ]
+        found = _core.find_self_intersections(points, ball.facets, 10**6).tolist()
+        assert found == sorted(wanted)
+        assert bool(wanted) == (size > 0.1)
+        assert _core.find_self_intersections(points, ball.facets, 3).tolist() == found[:3]
+
+
 def test_faces_that_only_touch_are_refused() -> None:
     box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
     beside = TriSurface(box.points + np.array([1.0, 0.25, 0.125]), box.facets)
@@ -188,6 +232,80 @@ def test_open_surfaces_are_refused() -> None:
     surface = SHAPES["sphere"]()
     with pytest.raises(OpenSurfaceError):
         mesh_surface(TriSurface(surface.points, surface.facets[1:]))
+
+
+def _is_plain(surface: TriSurface) -> bool:
+    return _core.is_plain_shell(surface.points, surface.facets)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_most_surfaces_are_plain_shells(name: str) -> None:
+    assert _is_plain(SHAPES[name]())
+
+
+@pytest.mark.parametrize(
+    "perturb",
+    [
+        "no facets", "open", "inward", "one turned", "one twice", "one of no area", "a fin",
+        "two shells", "shells that touch at a point", "two facets on each other", "no volume",
+    ],
+)  # fmt: skip
+def test_what_needs_a_longer_look_is_no_plain_shell(perturb: str) -> None:
+    ball = SHAPES["sphere"]()
+    points, facets = ball.points.copy(), ball.facets.copy()
+    count = len(points)
+    if perturb == "no facets":
+        facets = facets[:0]
+    elif perturb == "open":
+        facets = facets[1:]
+    elif perturb == "inward":
+        facets = facets[:, ::-1]
+    elif perturb == "one turned":
+        facets[5] = facets[5, ::-1]
+    elif perturb == "one twice":
+        facets = np.vstack([facets, facets[5:6]])
+    elif perturb == "one of no area":
+        # An edge split on one side alone would leave it open: the point lies on it on both.
+        a, b, c = facets[5]
+        beside = np.flatnonzero((np.isin(facets, [a, b]).sum(axis=1) == 2) & (facets != c).all(1))
+        d = facets[beside[0]][~np.isin(facets[beside[0]], [a, b])][0]
+        points = np.vstack([points, [0.5 * (points[a] + points[b])]])
+        gone = np.delete(facets, [5, beside[0]], axis=0)
+        new = [[a, count, c], [count, b, c], [a, b, count], [b, a, d]]
+        facets = np.vstack([gone, new]).astype(np.int32)
+    elif perturb == "a fin":
+        points = np.vstack([points, 1.1 * points[:1]])
+        facets = np.vstack([facets, [[*facets[5, :2], count]]]).astype(np.int32)
+    elif perturb == "two shells":
+        points = np.vstack([points, points + 1.0])
+        facets = np.vstack([facets, facets + count])
+    elif perturb == "shells that touch at a point":
+        other = np.where(facets == 0, 0, facets + count)
+        points = np.vstack([points, 2.0 * points[0] - points])
+        facets = np.vstack([facets, other[:, ::-1]])
+    elif perturb == "two facets on each other":
+        facets = np.array([facets[5], facets[5, ::-1]])
+    else:
+        points[:, 2] = 0.0
+    assert not _is_plain(TriSurface(points, facets))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_a_plain_shell_is_closed(seed: int) -> None:
+    # Half of the surfaces are whole: then both say so.
+    random = np.random.default_rng(seed)
+    ball = shape_sphere(0.05, edge_length=0.03)
+    facets = ball.facets.copy()
+    for _ in range(int(random.integers(0, 3))):
+        facets[random.integers(len(facets)), random.integers(3)] = random.integers(len(ball.points))
+    surface = TriSurface(ball.points, facets)
+    try:
+        require_closed(surface)
+    except SurfaceError:
+        assert not _is_plain(surface)
+    else:
+        assert _is_plain(surface)
 
 
 def test_equal_points_are_refused_by_name() -> None:
@@ -269,6 +387,8 @@ def test_a_boundary_that_is_not_the_surface_is_refused(perturb: str) -> None:
     surface = SHAPES["sphere"]()
     mesh, facets = mesh_surface(surface), surface.facets
     require_boundary(facets[::-1], mesh)
+    assert _core.is_boundary(facets[::-1].copy(), mesh.cells)
+    assert not _core.is_boundary(facets[:, ::-1].copy(), mesh.cells)
     if perturb == "a cell is gone":
         behind = np.isin(mesh.cells, facets[7]).sum(axis=1) == 3
         mesh = TetMesh(mesh.points, mesh.cells[~behind])
@@ -276,6 +396,7 @@ def test_a_boundary_that_is_not_the_surface_is_refused(perturb: str) -> None:
         facets = facets[:-1]
     else:
         facets = np.vstack([facets, facets[:1] + np.array([0, 0, 1])]).astype(np.int32)
+    assert not _core.is_boundary(facets, mesh.cells)
     with pytest.raises(BoundaryRecoveryError) as caught:
         require_boundary(facets, mesh)
     assert (7 in caught.value.facets) == (perturb == "a cell is gone")

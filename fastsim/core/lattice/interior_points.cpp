@@ -2,6 +2,7 @@
 
 #include "lattice/graded_lattice.hpp"
 #include "lattice/surface_bins.hpp"
+#include "predicates/length.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -36,7 +37,7 @@ class Random {
 };
 
 double distance(const Point &a, const Point &b) {
-    return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+    return length_of(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
 /// Mean length of the edges at each point of the surface, `longest` at most.

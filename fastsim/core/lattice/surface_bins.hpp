@@ -78,12 +78,26 @@ class Guards {
 
         double width;
         Rows<std::vector<Guard>> rows;
-        std::array<const std::vector<Guard> *, 9> near{}; // around the column last asked about
+        // Rows around the column last asked about, and where in each the last question began.
+        struct Near {
+            const std::vector<Guard> *row;
+            std::size_t first;
+        };
+        std::array<Near, 9> near{};
         std::array<Index, 2> column{};
         bool has_column = false;
 
         Triple bin(const Point &p) const {
             return {bin_of(p[0], width), bin_of(p[1], width), bin_of(p[2], width)};
+        }
+
+        static Near begin(const std::vector<Guard> *row, Index height) {
+            if (row == nullptr)
+                return {nullptr, 0};
+            const auto first =
+                std::lower_bound(row->begin(), row->end(), height - 1,
+                                 [](const Guard &x, Index least) { return x.height < least; });
+            return {row, static_cast<std::size_t>(first - row->begin())};
         }
 
         bool keeps_off(const Point &p) {
@@ -93,18 +107,21 @@ class Guards {
                 has_column = true;
                 for (Index n = 0; n < 9; ++n)
                     near[TetComplex::at(n)] =
-                        rows.find(middle[0] + n / 3 - 1, middle[1] + n % 3 - 1);
+                        begin(rows.find(middle[0] + n / 3 - 1, middle[1] + n % 3 - 1), middle[2]);
             }
-            for (const std::vector<Guard> *row : near) {
-                if (row == nullptr)
+            for (auto &[found, first] : near) {
+                if (found == nullptr)
                     continue;
-                auto guard = std::lower_bound(
-                    row->begin(), row->end(), middle[2] - 1,
-                    [](const Guard &x, Index height) { return x.height < height; });
-                for (; guard != row->end() && guard->height <= middle[2] + 1; ++guard) {
-                    const double dx = guard->place[0] - p[0], dy = guard->place[1] - p[1],
-                                 dz = guard->place[2] - p[2];
-                    if (dx * dx + dy * dy + dz * dz < guard->squared_distance)
+                // Places rise along a column: mostly no guard lies between one and the next.
+                const std::vector<Guard> &row = *found;
+                while (first > 0 && row[first - 1].height >= middle[2] - 1)
+                    --first;
+                while (first < row.size() && row[first].height < middle[2] - 1)
+                    ++first;
+                for (std::size_t k = first; k < row.size() && row[k].height <= middle[2] + 1; ++k) {
+                    const double dx = row[k].place[0] - p[0], dy = row[k].place[1] - p[1],
+                                 dz = row[k].place[2] - p[2];
+                    if (dx * dx + dy * dy + dz * dz < row[k].squared_distance)
                         return true;
                 }
             }

@@ -79,4 +79,35 @@ std::vector<Triple> find_boundary_facets(std::span<const Cell> cells, std::size_
     return result;
 }
 
+bool is_boundary(std::span<const Triple> facets, std::span<const Cell> cells) {
+    // Signed by the sense of rotation, so that the two sides of a facet inside cancel.
+    const TripleHash number;
+    std::uint64_t rest = 0;
+    const auto add = [&](bool is_turned, std::uint64_t x) { rest += is_turned ? 0 - x : x; };
+    // Puts two in order; whether that changed the sense.
+    const auto order = [](Index &a, Index &b) {
+        const bool is_swapped = b < a;
+        const Index low = std::min(a, b);
+        b = std::max(a, b);
+        a = low;
+        return is_swapped;
+    };
+    for (Cell c : cells) {
+        bool is_turned = order(c[0], c[1]);
+        is_turned ^= order(c[2], c[3]);
+        is_turned ^= order(c[0], c[2]);
+        is_turned ^= order(c[1], c[3]);
+        is_turned ^= order(c[1], c[2]);
+        add(is_turned, number({c[1], c[2], c[3]}) - number({c[0], c[2], c[3]}) +
+                           number({c[0], c[1], c[3]}) - number({c[0], c[1], c[2]}));
+    }
+    for (Triple f : facets) {
+        bool is_turned = order(f[0], f[1]);
+        is_turned ^= order(f[1], f[2]);
+        is_turned ^= order(f[0], f[1]);
+        add(!is_turned, number(f));
+    }
+    return rest == 0;
+}
+
 } // namespace fastsim

@@ -38,13 +38,17 @@ TetComplex carve(const TetComplex &complex, std::span<const Triple> facets) {
         for (std::size_t i = 0; i < region.size(); ++i) {
             const Index c = region[i];
             Cell beyond{none, none, none, none};
+            const bool may_have_wall = given.may_have_one_of(complex.cell(c));
             for (int k = 0; k < 4; ++k) {
-                const Triple f = complex.facet(c, k);
-                const Index wall = given.find(f);
-                if (wall != none) {
-                    // The surface faces outwards, and so does the facet seen from its own cell.
-                    (is_same_way(f, facets[TetComplex::at(wall)]) ? is_inside : is_outside) = true;
-                    continue;
+                if (may_have_wall) {
+                    const Triple f = complex.facet(c, k);
+                    const Index wall = given.find(f);
+                    if (wall != none) {
+                        // The surface faces outwards, and so does the facet seen from its own cell.
+                        (is_same_way(f, facets[TetComplex::at(wall)]) ? is_inside : is_outside) =
+                            true;
+                        continue;
+                    }
                 }
                 const Index n = complex.neighbour(c, k);
                 if (n == none) {

@@ -5,6 +5,13 @@
 
 namespace fastsim {
 
+namespace {
+
+// So many are looked at in turn.
+constexpr std::ptrdiff_t few = 12;
+
+} // namespace
+
 FacetTable::FacetTable(std::span<const Triple> facets) {
     Index highest = none;
     for (const Triple &f : facets)
@@ -30,19 +37,16 @@ FacetTable::FacetTable(std::span<const Triple> facets) {
                   });
 }
 
-Index FacetTable::find(const Triple &facet) const {
-    const auto count = static_cast<Index>(_first.size()) - 1;
-    // Most facets that are asked about have a corner inside.
-    if (facet[0] >= count || facet[1] >= count || facet[2] >= count)
-        return none;
-    const Triple t = sorted_triple(facet[0], facet[1], facet[2]);
-    const auto end =
-        _entries.begin() + static_cast<std::ptrdiff_t>(_first[TetComplex::at(t[0]) + 1]);
-    const auto found = std::lower_bound(
-        _entries.begin() + static_cast<std::ptrdiff_t>(_first[TetComplex::at(t[0])]), end, t,
-        [](const Entry &x, const Triple &y) {
-            return x.middle < y[1] || (x.middle == y[1] && x.largest < y[2]);
-        });
+Index FacetTable::search(const Triple &t) const {
+    const auto is_before = [](const Entry &x, const Triple &y) {
+        return x.middle < y[1] || (x.middle == y[1] && x.largest < y[2]);
+    };
+    const Entry *found = _entries.data() + _first[TetComplex::at(t[0])];
+    const Entry *const end = _entries.data() + _first[TetComplex::at(t[0]) + 1];
+    if (end - found > few)
+        found = std::lower_bound(found, end, t, is_before);
+    while (found != end && is_before(*found, t))
+        ++found;
     return found != end && found->middle == t[1] && found->largest == t[2] ? found->facet : none;
 }
 

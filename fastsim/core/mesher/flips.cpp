@@ -12,7 +12,7 @@ constexpr double impossible = -std::numeric_limits<double>::infinity();
 /// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
 /// by the exact predicate.
 double safe_quality(const TetComplex &complex, const Cell &cell, double quality_to_beat) {
-    const double quality = cell_quality(complex, cell);
+    const double quality = cell_quality_above(complex, cell, quality_to_beat);
     return quality > quality_to_beat && complex.orientation(cell) > 0 ? quality : impossible;
 }
 
@@ -68,8 +68,10 @@ bool retriangulate_ring(TetComplex &complex, Index a, Index b, const std::vector
         return !touches && i_between != j_between;
     };
     // best[i][j]: best worst quality of the polygon i, i+1, ..., j.
-    std::vector<double> best(n * n, std::numeric_limits<double>::infinity());
-    std::vector<std::size_t> split(n * n, 0);
+    thread_local std::vector<double> best; // kept for their memory, here and below
+    thread_local std::vector<std::size_t> split;
+    best.assign(n * n, std::numeric_limits<double>::infinity());
+    split.assign(n * n, 0);
     for (std::size_t width = 2; width < n; ++width)
         for (std::size_t i = 0; i + width < n; ++i) {
             const std::size_t j = i + width;
@@ -93,8 +95,10 @@ bool retriangulate_ring(TetComplex &complex, Index a, Index b, const std::vector
         }
     if (!(best[n - 1] > quality_to_beat))
         return false;
-    std::vector<Cell> fresh;
-    std::vector<std::pair<std::size_t, std::size_t>> open{{0, n - 1}};
+    thread_local std::vector<Cell> fresh;
+    thread_local std::vector<std::pair<std::size_t, std::size_t>> open;
+    fresh.clear();
+    open.assign(1, {0, n - 1});
     while (!open.empty()) {
         const auto [i, j] = open.back();
         open.pop_back();
@@ -124,12 +128,11 @@ bool flip_facet(TetComplex &complex, Side side, const Protection &protection,
         if (v != f[0] && v != f[1] && v != f[2])
             outer = v;
     // (f1, f0, f2, inner) is positive; turning around the new edge (inner, outer):
-    std::vector<Cell> fresh;
+    std::array<Cell, 3> fresh;
     for (std::size_t k = 0; k < 3; ++k) {
-        const Cell c{f[k], f[(k + 1) % 3], inner, outer};
-        if (safe_quality(complex, c, quality_to_beat) == impossible)
+        fresh[k] = {f[k], f[(k + 1) % 3], inner, outer};
+        if (safe_quality(complex, fresh[k], quality_to_beat) == impossible)
             return false;
-        fresh.push_back(c);
     }
     const std::array<Index, 2> dead{side.cell, other};
     complex.replace(dead, fresh);

@@ -6,15 +6,6 @@
 
 namespace fastsim {
 
-std::size_t TripleHash::operator()(const Triple &t) const {
-    std::uint64_t h = static_cast<std::uint64_t>(t[0]) * 0x9E3779B97F4A7C15ull;
-    h = (h ^ (h >> 29)) + static_cast<std::uint64_t>(t[1]);
-    h *= 0xBF58476D1CE4E5B9ull;
-    h = (h ^ (h >> 32)) + static_cast<std::uint64_t>(t[2]);
-    h *= 0x94D049BB133111EBull;
-    return static_cast<std::size_t>(h ^ (h >> 31));
-}
-
 void TetComplex::add_point(const Point &point) {
     points.push_back(point);
     _cell_of_point.push_back(none);

@@ -31,7 +31,9 @@ std::vector<char> find_all(const TetComplex &complex, const FacetTable &table, s
     std::vector<char> is_there(count, 0);
     for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
         const auto c = static_cast<Index>(slot);
-        for (int k = 0; k < 4 && complex.is_alive(c); ++k) {
+        if (!complex.is_alive(c) || !table.may_have_one_of(complex.cell(c)))
+            continue;
+        for (int k = 0; k < 4; ++k) {
             const Index found = table.find(complex.facet(c, k));
             if (found != none)
                 is_there[TetComplex::at(found)] = 1;

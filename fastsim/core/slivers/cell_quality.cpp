@@ -1,5 +1,6 @@
 #include "slivers/cell_quality.hpp"
 
+#include "predicates/length.hpp"
 #include "slivers/wide.hpp"
 
 #include <algorithm>
@@ -66,15 +67,21 @@ template <typename T> struct CellShape {
 
     // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
     // edge's ends; squared, and over one denominator, so that one root and one division do.
-    inline __attribute__((always_inline)) void find_smallest_sine(T &sine) const {
+    inline __attribute__((always_inline)) void find_fraction(T &smallest, T &all) const {
         const T fab = fa * fb, fcd = fc * fd;
-        T smallest = ab * fab;
+        smallest = ab * fab;
         lower<T>(smallest, ac * (fa * fc));
         lower<T>(smallest, ad * (fa * fd));
         lower<T>(smallest, bc * (fb * fc));
         lower<T>(smallest, bd * (fb * fd));
         lower<T>(smallest, cd * fcd);
-        sine = smallest / (fab * fcd);
+        all = fab * fcd;
+    }
+
+    inline __attribute__((always_inline)) void find_smallest_sine(T &sine) const {
+        T smallest, all;
+        find_fraction(smallest, all);
+        sine = smallest / all;
         take_root(sine);
         sine = six_volumes * sine;
     }
@@ -89,6 +96,17 @@ template <typename T> struct CellShape {
         take_root(largest);
         const T altitude = six_volumes / largest;
         lower<T>(quality, quality_at_wanted_altitude * altitude / wanted_altitude);
+    }
+
+    // Not below 0 where the longest edge is `ratio` times as long as the shortest, or longer.
+    inline __attribute__((always_inline)) void find_excess(T &excess, double squared_ratio) const {
+        T shortest = ab, longest = ab;
+        lower<T>(shortest, ac), raise<T>(longest, ac);
+        lower<T>(shortest, ad), raise<T>(longest, ad);
+        lower<T>(shortest, bc), raise<T>(longest, bc);
+        lower<T>(shortest, bd), raise<T>(longest, bd);
+        lower<T>(shortest, cd), raise<T>(longest, cd);
+        excess = longest - squared_ratio * shortest;
     }
 
   private:
@@ -120,7 +138,8 @@ bool is_told(double sine) { return sine != 0.0 && std::isfinite(sine); }
 
 /// Four cells, corner by corner and axis by axis.
 PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
-                            double wanted_altitude, double *sines, double *qualities) {
+                            double wanted_altitude, double squared_ratio, double *sines,
+                            double *qualities, double *excesses) {
     Four x[4][3];
     for (std::size_t i = 0; i < 4; ++i)
         for (std::size_t j = 0; j < 3; ++j)
@@ -132,16 +151,22 @@ PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
     if (wanted_altitude > 0.0)
         shape.lower_by_altitude(quality, wanted_altitude);
     std::memcpy(qualities, &quality, sizeof quality);
+    Four excess;
+    shape.find_excess(excess, squared_ratio);
+    std::memcpy(excesses, &excess, sizeof excess);
 }
 
-} // namespace
-
-double cell_quality(const TetComplex &complex, const Cell &cell) {
+inline __attribute__((always_inline)) CellShape<double> shape_of(const TetComplex &complex,
+                                                                 const Cell &cell) {
     double x[4][3];
     for (std::size_t i = 0; i < 4; ++i)
         for (std::size_t j = 0; j < 3; ++j)
             x[i][j] = complex.points[TetComplex::at(cell[i])][j];
-    const CellShape<double> s(x);
+    return CellShape<double>(x);
+}
+
+inline __attribute__((always_inline)) double rate(const TetComplex &complex,
+                                                  const CellShape<double> &s) {
     double quality = 0.0;
     s.find_smallest_sine(quality);
     if (is_told(quality)) {
@@ -157,30 +182,87 @@ double cell_quality(const TetComplex &complex, const Cell &cell) {
     return std::isfinite(each) ? s.six_volumes * std::sqrt(each) : 0.0;
 }
 
-std::vector<double> cell_qualities(const TetComplex &complex) {
+// A deviation is at most half the range, so at most (longest / shortest - 1) / 2 of the mean.
+double squared_ratio_of(double limit) { return (1.0 + 1.99 * limit) * (1.0 + 1.99 * limit); }
+
+struct Rates {
+    std::array<double, lanes> qualities, excesses;
+};
+
+/// Four cells at most.
+Rates rate_few(const TetComplex &complex, std::span<const Index> cells, double limit) {
+    std::array<double, lanes> corners[4][3];
+    std::array<double, lanes> sines;
+    Rates rates;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        // What is no cell is rated as another, and that is not looked at.
+        const Cell &cell = complex.cell(cells[std::min(l, cells.size() - 1)]);
+        for (std::size_t i = 0; i < 4; ++i) {
+            const Point &p = complex.points[TetComplex::at(std::max(cell[i], Index{0}))];
+            for (std::size_t j = 0; j < 3; ++j)
+                corners[i][j][l] = p[j];
+        }
+    }
+    rate_four(corners, complex.wanted_altitude, squared_ratio_of(limit), sines.data(),
+              rates.qualities.data(), rates.excesses.data());
+    for (std::size_t l = 0; l < cells.size(); ++l)
+        if (!is_told(sines[l]) && complex.is_alive(cells[l]))
+            rates.qualities[l] = rate(complex, shape_of(complex, complex.cell(cells[l])));
+    return rates;
+}
+
+// Products of areas and volumes that are as far from the ends of the range; and the part of a floor
+// that hides no rounding.
+constexpr double smallest_safe = 1e-280, part_of_floor = 0.999999;
+
+} // namespace
+
+double cell_quality(const TetComplex &complex, const Cell &cell) {
+    return rate(complex, shape_of(complex, cell));
+}
+
+double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor) {
+    const CellShape<double> s = shape_of(complex, cell);
+    if (s.six_volumes <= 0.0)
+        return 0.0;
+    // By squares: no root, and no division.
+    double smallest = 0.0, all = 0.0;
+    s.find_fraction(smallest, all);
+    const double product = s.six_volumes * s.six_volumes * smallest;
+    const double wanted = part_of_floor * floor * floor * all;
+    if (product > smallest_safe && product < wanted && wanted < 1.0 / smallest_safe)
+        return 0.0;
+    return rate(complex, s);
+}
+
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
+                std::vector<double> &qualities, std::vector<char> &is_uneven) {
+    for (std::size_t first = 0; first < cells.size(); first += lanes) {
+        const auto few = cells.subspan(first, std::min(lanes, cells.size() - first));
+        const Rates rates = rate_few(complex, few, limit);
+        for (std::size_t l = 0; l < few.size(); ++l) {
+            qualities[TetComplex::at(few[l])] = rates.qualities[l];
+            is_uneven[TetComplex::at(few[l])] = rates.excesses[l] >= 0.0 ? 1 : 0;
+        }
+    }
+}
+
+std::vector<double> cell_qualities(const TetComplex &complex, double limit,
+                                   std::vector<char> *is_uneven) {
     const std::size_t count = complex.num_slots();
     std::vector<double> result(count);
-    std::array<double, lanes> corners[4][3];
-    std::array<double, lanes> sines, qualities;
+    if (is_uneven != nullptr)
+        is_uneven->assign(count, 0);
     for (std::size_t first = 0; first < count; first += lanes) {
+        std::array<Index, lanes> slots{};
         const std::size_t size = std::min(lanes, count - first);
-        for (std::size_t l = 0; l < lanes; ++l) {
-            // What is no cell is rated as another, and that is not looked at.
-            const auto slot = static_cast<Index>(first + std::min(l, size - 1));
-            for (std::size_t i = 0; i < 4; ++i) {
-                const Index v = complex.cell(slot)[i];
-                const Point &p = complex.points[TetComplex::at(std::max(v, Index{0}))];
-                for (std::size_t j = 0; j < 3; ++j)
-                    corners[i][j][l] = p[j];
-            }
-        }
-        rate_four(corners, complex.wanted_altitude, sines.data(), qualities.data());
+        for (std::size_t l = 0; l < size; ++l)
+            slots[l] = static_cast<Index>(first + l);
+        const Rates rates = rate_few(complex, std::span(slots).first(size), limit);
         for (std::size_t l = 0; l < size; ++l) {
-            const auto slot = static_cast<Index>(first + l);
-            if (is_told(sines[l]) || !complex.is_alive(slot))
-                result[first + l] = qualities[l];
-            else
-                result[first + l] = cell_quality(complex, complex.cell(slot));
+            result[first + l] = rates.qualities[l];
+            if (is_uneven != nullptr)
+                (*is_uneven)[first + l] = rates.excesses[l] >= 0.0 ? 1 : 0;
         }
     }
     return result;
@@ -202,14 +284,14 @@ double find_wanted_altitude(const TetComplex &complex) {
                 for (std::size_t i = 0; i < 3; ++i)
                     edges[m % 2][i] = b[i] - a[i];
                 const Point &e = edges[m % 2];
-                const double length = std::hypot(e[0], e[1], e[2]);
+                const double length = length_of(e[0], e[1], e[2]);
                 longest = std::max(longest, length);
                 sum += length;
                 count += 1.0;
             }
             const auto &[u, v] = edges;
-            const double area = std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
-                                           u[0] * v[1] - u[1] * v[0]);
+            const double area = length_of(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                                          u[0] * v[1] - u[1] * v[0]);
             thinnest = std::min(thinnest, area / longest);
         }
     }
@@ -228,12 +310,11 @@ double edge_length_deviation(const TetComplex &complex, Index c) {
 }
 
 bool is_edge_length_deviation_above(const TetComplex &complex, Index c, double limit) {
-    // A deviation is at most half the range, so at most (longest / shortest - 1) / 2 of the mean;
-    // most cells are told by that, without a root.
+    // Most cells are told by the longest and the shortest edge, without a root.
     const std::array<double, 6> squared = squared_edges(complex, c);
     const auto [shortest, longest] = std::minmax_element(squared.begin(), squared.end());
-    const double ratio = 1.0 + 1.99 * limit;
-    return *longest >= ratio * ratio * *shortest && edge_length_deviation(complex, c) > limit;
+    return *longest >= squared_ratio_of(limit) * *shortest &&
+           edge_length_deviation(complex, c) > limit;
 }
 
 } // namespace fastsim

@@ -13,8 +13,19 @@ constexpr double quality_at_wanted_altitude = 0.5;
 /// of that: small cells set the critical time step.
 double cell_quality(const TetComplex &complex, const Cell &cell);
 
-/// The same of all living cells, by slot; of others some number.
-std::vector<double> cell_qualities(const TetComplex &complex);
+/// The same where it is above `floor`, or some value that is not above it, which takes less work.
+/// `floor` is at least 0.
+double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor);
+
+/// The qualities of some living cells, by slot, and whether their edge_length_deviation may be
+/// above a limit: of most cells it surely isn't.
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
+                std::vector<double> &qualities, std::vector<char> &is_uneven);
+
+/// The quality of all living cells, by slot; of others some number. The same of `is_uneven` where
+/// it is given.
+std::vector<double> cell_qualities(const TetComplex &complex, double limit = 0.0,
+                                   std::vector<char> *is_uneven = nullptr);
 
 /// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a part of
 /// the mean edge.

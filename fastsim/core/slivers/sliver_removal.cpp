@@ -50,10 +50,11 @@ class SliverRemoval {
           _watch(watch) {
         complex.wanted_altitude =
             least_altitude > 0.0 ? least_altitude : find_wanted_altitude(complex);
-        _quality = cell_qualities(complex);
+        _quality = cell_qualities(complex, largest_deviation, &_is_uneven);
         _tried.assign(complex.num_slots(), 0);
         _refusals.assign(complex.num_slots(), 0);
         _changed.assign(complex.points.size(), 1);
+        _unmoved.assign(complex.points.size(), 0);
     }
 
     /// Works on every bad cell once, the worst first; false when little was gained by the last
@@ -63,11 +64,11 @@ class SliverRemoval {
         double wanting = 0.0;
         for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
             const auto c = static_cast<Index>(slot);
-            if (!_complex.is_alive(c))
+            const bool is_good = _quality[slot] >= _target;
+            if ((is_good && _is_uneven[slot] == 0) || !_complex.is_alive(c))
                 continue;
-            if (_quality[slot] >= _target) {
-                if (has_changed_since(c, _last_pass) &&
-                    is_edge_length_deviation_above(_complex, c, largest_deviation) && has_news(c))
+            if (is_good) {
+                if (has_changed_since(c, _last_pass) && is_uneven(c) && has_news(c))
                     bad.emplace_back(_quality[slot], c);
                 continue;
             }
@@ -138,6 +139,14 @@ class SliverRemoval {
   private:
     double quality_of(Index c) const { return _quality[TetComplex::at(c)]; }
 
+    /// Whether a cell is bad by its edges.
+    bool is_uneven(Index c) {
+        char &answer = _is_uneven[TetComplex::at(c)];
+        if (answer != 0 && !is_edge_length_deviation_above(_complex, c, largest_deviation))
+            answer = 0;
+        return answer != 0;
+    }
+
     /// Whether something near a cell has changed since it was worked on in vain.
     bool has_news(Index c) const { return has_changed_since(c, _tried[TetComplex::at(c)]); }
 
@@ -158,9 +167,13 @@ class SliverRemoval {
         bool has_moved = false;
         const Cell corners = _complex.cell(c);
         for (const Index v : corners)
-            if (v >= _num_fixed && move_point(v)) {
-                ++report.moves;
-                has_moved = true;
+            if (v >= _num_fixed && _changed[TetComplex::at(v)] > _unmoved[TetComplex::at(v)]) {
+                if (move_point(v)) {
+                    ++report.moves;
+                    has_moved = true;
+                } else {
+                    _unmoved[TetComplex::at(v)] = _turn;
+                }
             }
         if (has_moved)
             return true;
@@ -180,9 +193,17 @@ class SliverRemoval {
 
     bool flip_around(Index c) {
         const Cell v = _complex.cell(c);
+        // What lies around an edge or at a facet is as it was when it was tried in vain, unless
+        // there is news at all of its corners. Larger rings are tried at the end alone.
+        std::array<bool, 4> has_news_at{};
+        for (std::size_t i = 0; i < 4; ++i)
+            has_news_at[i] = _largest_ring != largest_ring ||
+                             _changed[TetComplex::at(v[i])] > _tried[TetComplex::at(c)];
         bool is_closed = false;
         for (std::size_t i = 0; i < 4; ++i)
             for (std::size_t j = i + 1; j < 4; ++j) {
+                if (!has_news_at[i] || !has_news_at[j])
+                    continue;
                 _complex.edge_ring_from(c, v[i], v[j], _cells, _ring, is_closed);
                 if (!is_closed || _ring.size() > _largest_ring)
                     continue;
@@ -197,8 +218,12 @@ class SliverRemoval {
             }
         for (int k = 0; k < 4; ++k) {
             const Index n = _complex.neighbour(c, k);
-            if (n != none && flip_facet(_complex, {c, k}, _nothing_more,
-                                        std::min(quality_of(c), quality_of(n)) + least_flip_gain)) {
+            const bool is_old = std::ranges::any_of(cell_facets[TetComplex::at(k)], [&](int m) {
+                return !has_news_at[TetComplex::at(m)];
+            });
+            if (n != none && !is_old &&
+                flip_facet(_complex, {c, k}, _nothing_more,
+                           std::min(quality_of(c), quality_of(n)) + least_flip_gain)) {
                 note_fresh_cells();
                 return true;
             }
@@ -271,8 +296,10 @@ class SliverRemoval {
 
     void note_fresh_cells() {
         _quality.resize(_complex.num_slots());
+        _is_uneven.resize(_complex.num_slots());
         _tried.resize(_complex.num_slots());
         _changed.resize(_complex.points.size());
+        _unmoved.resize(_complex.points.size());
         _refusals.resize(_complex.num_slots());
         for (const Index c : _complex.fresh_cells())
             _tried[TetComplex::at(c)] = 0, _refusals[TetComplex::at(c)] = 0;
@@ -281,8 +308,8 @@ class SliverRemoval {
 
     void note(const std::vector<Index> &cells) {
         ++_turn;
+        rate_cells(_complex, cells, largest_deviation, _quality, _is_uneven);
         for (const Index c : cells) {
-            _quality[TetComplex::at(c)] = cell_quality(_complex, _complex.cell(c));
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
@@ -297,9 +324,11 @@ class SliverRemoval {
     std::size_t _most_work;
     Watch &_watch;
     std::vector<double> _quality;        // by slot
+    std::vector<char> _is_uneven;        // by slot: 0 where its edges surely are alike enough
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<int> _refusals;          // by slot: insertions tried in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
+    std::vector<std::uint64_t> _unmoved; // by point: turn at which a move of it was in vain
     std::uint64_t _turn = 1;
     std::uint64_t _last_pass = 0; // turn at which the last pass began
     double _expected_work = 1.0;

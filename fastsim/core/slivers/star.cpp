@@ -130,8 +130,9 @@ void Star::add(const Point &a, const Point &b, const Point &c) {
 double Star::worst(const Point &place, double floor) {
     const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
     const double squared_floor = floor * std::abs(floor);
-    return signed_root(worst_rating(_blocks.data(), _blocks.size(), p.data(), _altitude_weight,
-                                    squared_floor, _culprit));
+    const double rating = worst_rating(_blocks.data(), _blocks.size(), p.data(), _altitude_weight,
+                                       squared_floor, _culprit);
+    return rating > squared_floor ? signed_root(rating) : floor;
 }
 
 void Star::list_qualities(const Point &place, std::vector<double> &out) const {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <utility>
 
 namespace fastsim {
 
@@ -19,43 +18,43 @@ BoxTree::BoxTree(std::span<const Point> points, std::span<const std::array<std::
                 box.high[i] = std::max(box.high[i], x);
             }
     }
-    std::vector<std::int32_t> order(facets.size());
-    for (std::size_t f = 0; f < facets.size(); ++f)
-        order[f] = static_cast<std::int32_t>(f);
+    std::vector<Item> items(facets.size());
+    for (std::size_t f = 0; f < facets.size(); ++f) {
+        items[f].facet = static_cast<std::int32_t>(f);
+        for (std::size_t i = 0; i < 3; ++i)
+            items[f].middle[i] = _boxes[f].low[i] + _boxes[f].high[i];
+    }
     _nodes.reserve(2 * facets.size());
     if (!facets.empty())
-        build(order, 0, facets.size());
+        build(items);
 }
 
-std::int32_t BoxTree::build(std::vector<std::int32_t> &order, std::size_t begin, std::size_t end) {
-    const auto box_at = [&](std::int32_t f) -> const Box & {
-        return _boxes[static_cast<std::size_t>(f)];
-    };
-    Box box = box_at(order[begin]);
-    for (std::size_t k = begin; k < end; ++k) {
-        const Box &other = box_at(order[k]);
+std::int32_t BoxTree::build(std::span<Item> items) {
+    Box box = box_of(static_cast<std::size_t>(items[0].facet));
+    std::int32_t last = items[0].facet;
+    for (const Item &item : items) {
+        const Box &other = box_of(static_cast<std::size_t>(item.facet));
         for (std::size_t i = 0; i < 3; ++i) {
             box.low[i] = std::min(box.low[i], other.low[i]);
             box.high[i] = std::max(box.high[i], other.high[i]);
         }
+        last = std::max(last, item.facet);
     }
     const auto number = static_cast<std::int32_t>(_nodes.size());
-    const auto first = order.begin() + static_cast<std::ptrdiff_t>(begin);
-    const auto last = std::max_element(first, order.begin() + static_cast<std::ptrdiff_t>(end));
-    _nodes.push_back({box, *first, -1, *last});
-    if (end - begin == 1)
+    _nodes.push_back({box, items[0].facet, -1, last});
+    if (items.size() == 1)
         return number;
     std::size_t axis = 0;
     for (std::size_t i = 1; i < 3; ++i)
         if (box.high[i] - box.low[i] > box.high[axis] - box.low[axis])
             axis = i;
-    const std::size_t middle = (begin + end) / 2;
-    const auto at = [&](std::size_t k) { return order.begin() + static_cast<std::ptrdiff_t>(k); };
-    std::nth_element(at(begin), at(middle), at(end), [&](std::int32_t a, std::int32_t b) {
-        const Box &p = box_at(a), &q = box_at(b);
-        return std::pair(p.low[axis] + p.high[axis], a) < std::pair(q.low[axis] + q.high[axis], b);
-    });
-    const std::int32_t left = build(order, begin, middle), right = build(order, middle, end);
+    const std::size_t middle = items.size() / 2;
+    std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(middle),
+                     items.end(), [&](const Item &a, const Item &b) {
+                         return a.middle[axis] != b.middle[axis] ? a.middle[axis] < b.middle[axis]
+                                                                 : a.facet < b.facet;
+                     });
+    const std::int32_t left = build(items.first(middle)), right = build(items.subspan(middle));
     _nodes[static_cast<std::size_t>(number)].left = left;
     _nodes[static_cast<std::size_t>(number)].right = right;
     return number;

@@ -37,7 +37,12 @@ class BoxTree {
     [[nodiscard]] const Box &box_of(std::size_t facet) const { return _boxes[facet]; }
 
   private:
-    std::int32_t build(std::vector<std::int32_t> &order, std::size_t begin, std::size_t end);
+    struct Item {
+        Point middle; // twice
+        std::int32_t facet;
+    };
+
+    std::int32_t build(std::span<Item> items);
 
     std::vector<Box> _boxes;
     std::vector<Node> _nodes;

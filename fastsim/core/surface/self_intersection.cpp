@@ -47,7 +47,37 @@ class PairTest {
         return orient3d(at(u), at(v), off, at(a)) == orient3d(at(u), at(v), off, at(b));
     }
 
+    // Facets (v, a, b) and (v, c, d), surely on different sides of a plane through v: most are that
+    // lie around one point, and it takes less than exact tests.
+    [[nodiscard]] bool is_apart(Index v, Index a, Index b, Index c, Index d) const {
+        const auto offset = [&](Index i) {
+            const Point &p = at(i), &from = at(v);
+            return Point{p[0] - from[0], p[1] - from[1], p[2] - from[2]};
+        };
+        const std::array<Point, 4> corners{offset(a), offset(b), offset(c), offset(d)};
+        Point way;
+        for (std::size_t i = 0; i < 3; ++i) {
+            way[i] = corners[0][i] + corners[1][i] - corners[2][i] - corners[3][i];
+        }
+        for (std::size_t k = 0; k < 4; ++k) {
+            double along = 0.0, sum = 0.0;
+            for (std::size_t i = 0; i < 3; ++i) {
+                along += corners[k][i] * way[i];
+                sum += std::abs(corners[k][i] * way[i]);
+            }
+            // The plane is whatever `way` came out as; of offsets and products a few roundings are
+            // feared, and underflow.
+            if (!((k < 2 ? along : -along) > 1e-14 * sum + smallest_safe)) {
+                return false;
+            }
+        }
+        return true;
+    }
+
   private:
+    // Below this a product may have underflowed.
+    static constexpr double smallest_safe = 1e-290;
+
     [[nodiscard]] const Point &at(Index i) const { return _points[static_cast<std::size_t>(i)]; }
 
     static bool is_one_sided(int a, int b, int c) {
@@ -114,7 +144,8 @@ bool facets_intersect(std::span<const Point> points, const Facet &first, const F
     case 2:
         return test.is_folded(f[0], f[1], f[2], g[2]);
     case 1:
-        return test.segment_meets(f[1], f[2], g) || test.segment_meets(g[1], g[2], f);
+        return !test.is_apart(f[0], f[1], f[2], g[1], g[2]) &&
+               (test.segment_meets(f[1], f[2], g) || test.segment_meets(g[1], g[2], f));
     default:
         std::array<int, 3> of_f{}, of_g{};
         for (std::size_t k = 0; k < 3; ++k) {
@@ -132,6 +163,52 @@ bool facets_intersect(std::span<const Point> points, const Facet &first, const F
     }
 }
 
+namespace {
+
+double width(const Box &box) {
+    return (box.high[0] - box.low[0]) + (box.high[1] - box.low[1]) + (box.high[2] - box.low[2]);
+}
+
+// Whether any two facets meet: pairs of subtrees are halved together, which takes fewer boxes than
+// to look for the partners of one facet after the other.
+bool has_self_intersection(std::span<const Point> points, std::span<const Facet> facets,
+                           const BoxTree &tree) {
+    const std::span<const BoxTree::Node> nodes = tree.nodes();
+    const auto node = [&](Index n) -> const BoxTree::Node & {
+        return nodes[static_cast<std::size_t>(n)];
+    };
+    const auto facet = [&](Index n) -> const Facet & {
+        return facets[static_cast<std::size_t>(node(n).left)];
+    };
+    std::vector<std::array<Index, 2>> open{{0, 0}};
+    while (!open.empty()) {
+        const auto [a, b] = open.back();
+        open.pop_back();
+        const BoxTree::Node &p = node(a), &q = node(b);
+        if (a == b) {
+            if (p.right >= 0) {
+                open.insert(open.end(), {{p.right, p.right}, {p.left, p.right}, {p.left, p.left}});
+            }
+            continue;
+        }
+        if (!boxes_overlap(p.box, q.box)) {
+            continue;
+        }
+        if (p.right < 0 && q.right < 0) {
+            if (facets_intersect(points, facet(a), facet(b))) {
+                return true;
+            }
+        } else if (q.right < 0 || (p.right >= 0 && width(p.box) > width(q.box))) {
+            open.insert(open.end(), {{p.right, b}, {p.left, b}});
+        } else {
+            open.insert(open.end(), {{a, q.right}, {a, q.left}});
+        }
+    }
+    return false;
+}
+
+} // namespace
+
 std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point> points,
                                                           std::span<const Facet> facets,
                                                           std::size_t most) {
@@ -140,6 +217,9 @@ std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point>
         return pairs;
     }
     const BoxTree tree(points, facets);
+    if (!has_self_intersection(points, facets, tree)) {
+        return pairs;
+    }
     const std::span<const BoxTree::Node> nodes = tree.nodes();
     std::vector<Index> open;
     for (std::size_t f = 0; f < facets.size() && pairs.size() < most; ++f) {
