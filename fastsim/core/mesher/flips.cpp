@@ -1,5 +1,7 @@
 #include "mesher/flips.hpp"
 
+#include "slivers/cell_step.hpp"
+
 #include <algorithm>
 #include <limits>
 
@@ -9,10 +11,17 @@ namespace {
 
 constexpr double impossible = -std::numeric_limits<double>::infinity();
 
+double rate(const TetComplex &complex, const Cell &cell) {
+    if (!(complex.least_sine > 0.0))
+        return cell_quality(complex, cell);
+    const CellStep rated = cell_step(complex, cell);
+    return rated.sine < complex.least_sine ? impossible : rated.step;
+}
+
 /// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
 /// by the exact predicate.
 double safe_quality(const TetComplex &complex, const Cell &cell, double quality_to_beat) {
-    const double quality = cell_quality(complex, cell);
+    const double quality = rate(complex, cell);
     return quality > quality_to_beat && complex.orientation(cell) > 0 ? quality : impossible;
 }
 

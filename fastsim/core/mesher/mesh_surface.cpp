@@ -4,6 +4,7 @@
 #include "mesher/carve.hpp"
 #include "recovery/steiner_removal.hpp"
 #include "slivers/flat_cells.hpp"
+#include "slivers/time_step.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -15,6 +16,8 @@ namespace {
 constexpr Index cube_corners = 8;
 // Far enough that the cube's corners hardly spoil the cells at the surface.
 constexpr double cube_margin = 3.0;
+// Angles of 25 degrees may be given up to for a longer time step.
+constexpr double least_sine_for_step = 0.42;
 
 /// Corners of a cube around all points, `margin` box sizes away.
 std::array<Point, 8> cube_corners_around(std::span<const Point> points, double margin) {
@@ -169,10 +172,12 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
     result.num_boundary_steiner = stuck.size();
     const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
     watch.begin("improving cells", inside.num_slots());
-    if (settings.sliver_passes > 0)
+    if (settings.sliver_passes > 0) {
         result.slivers =
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
+        lengthen_time_step(inside, num_fixed, least_sine_for_step, watch);
+    }
     collect(inside, num_fixed, result);
     return result;
 }
