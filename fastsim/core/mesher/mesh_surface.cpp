@@ -16,8 +16,9 @@ namespace {
 constexpr Index cube_corners = 8;
 // Far enough that the cube's corners hardly spoil the cells at the surface.
 constexpr double cube_margin = 3.0;
-// Angles of 25 degrees may be given up to for a longer time step.
-constexpr double least_sine_for_step = 0.42;
+// Angles of 27 degrees may be given up to for a longer time step: slivers above it are improved
+// no further.
+constexpr double least_sine_for_step = 0.4536;
 
 /// Corners of a cube around all points, `margin` box sizes away.
 std::array<Point, 8> cube_corners_around(std::span<const Point> points, double margin) {

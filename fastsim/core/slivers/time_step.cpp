@@ -20,17 +20,33 @@ constexpr int most_vain_passes = 3;
 constexpr double least_gain = 1e-3;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.25, last_step = 0.008;
-constexpr std::size_t largest_ring = 9;
+// An angle may fall to this part of its sine at a time, not below the smallest of the mesh.
+constexpr double share_of_sine = 0.9;
+constexpr std::size_t largest_ring = 12;
 // The worst cells of a pass.
 constexpr std::size_t most_cells = 400;
+
+// Ways to go from a place: along the axes, and the diagonals of a cube and of its sides.
+constexpr std::array<Point, 26> ways = [] {
+    std::array<Point, 26> result{};
+    for (std::size_t n = 0; n < 26; ++n) {
+        const int number = static_cast<int>(n < 13 ? n : n + 1);
+        result[n] = {number % 3 - 1.0, number / 3 % 3 - 1.0, number / 9 - 1.0};
+    }
+    return result;
+}();
 
 class TimeStep {
   public:
     TimeStep(TetComplex &complex, Index num_fixed, double least_sine)
         : _complex(complex), _num_fixed(num_fixed), _least_sine(least_sine) {
-        _steps.resize(complex.num_slots());
+        _steps.resize(complex.num_slots(), infinite);
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
-            rate(static_cast<Index>(slot));
+            if (complex.is_alive(static_cast<Index>(slot))) {
+                const CellStep rated = cell_step(complex, complex.cell(static_cast<Index>(slot)));
+                _steps[slot] = rated.step;
+                _smallest_sine = std::min(_smallest_sine, rated.sine);
+            }
         _tried.assign(_steps.size(), 0);
         _changed.assign(complex.points.size(), 1);
         _bound = share_of_bound * boundary_bound();
@@ -126,7 +142,7 @@ class TimeStep {
             shortest = std::min(shortest, rated.step);
             sine = std::min(sine, rated.sine);
         }
-        _complex.least_sine = std::min(_least_sine, sine);
+        _complex.least_sine = std::max(_smallest_sine, std::min(_least_sine, share_of_sine * sine));
         return (1.0 + least_gain) * shortest;
     }
 
@@ -187,16 +203,16 @@ class TimeStep {
         double best = bar;
         Point best_place = start;
         for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
-            for (std::size_t axis = 0; axis < 3; ++axis)
-                for (const double way : {1.0, -1.0}) {
-                    Point candidate = best_place;
-                    candidate[axis] += way * step;
-                    const double worst = worst_from(candidate, best);
-                    if (worst > best) {
-                        best = worst;
-                        best_place = candidate;
-                    }
+            for (const Point &way : ways) {
+                Point candidate = best_place;
+                for (std::size_t i = 0; i < 3; ++i)
+                    candidate[i] += step * way[i];
+                const double worst = worst_from(candidate, best);
+                if (worst > best) {
+                    best = worst;
+                    best_place = candidate;
                 }
+            }
         if (!(best > bar))
             return false;
         place = best_place;
@@ -272,7 +288,7 @@ class TimeStep {
 
     TetComplex &_complex;
     Index _num_fixed;
-    double _least_sine, _bound = 0.0;
+    double _least_sine, _smallest_sine = infinite, _bound = 0.0;
     std::vector<double> _steps;          // by slot; infinite where no cell lives
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
