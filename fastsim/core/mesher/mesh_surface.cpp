@@ -177,7 +177,8 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
         result.slivers =
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
-        lengthen_time_step(inside, num_fixed, least_sine_for_step, watch);
+        result.slivers.left =
+            lengthen_time_step(inside, num_fixed, least_sine_for_step, watch).slivers;
     }
     collect(inside, num_fixed, result);
     return result;

@@ -1,5 +1,6 @@
 #include "slivers/cell_step.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace fastsim {
@@ -21,13 +22,14 @@ CellStep cell_step(const std::array<Point, 4> &x) {
     const Point a{-b[0] - c[0] - d[0], -b[1] - c[1] - d[1], -b[2] - c[2] - d[2]};
     const double six_volumes = dot(d, w);
     const double aa = dot(a, a), bb = dot(b, b), cc = dot(c, c), dd = dot(d, d);
-    const double step = six_volumes / std::sqrt(aa + bb + cc + dd);
     // sin^2 = 1 - cos^2 loses its digits for flat cells: by edges, see cell_quality.
     const Point vu = minus(v, u), wu = minus(w, u), wv = minus(w, v);
-    const double each = std::min(
-        {dot(u, u) / (cc * dd), dot(v, v) / (bb * dd), dot(w, w) / (bb * cc),
-         dot(vu, vu) / (aa * dd), dot(wu, wu) / (aa * cc), dot(wv, wv) / (aa * bb)});
-    return {step, six_volumes * std::sqrt(each)};
+    const double each =
+        std::min({dot(u, u) / (cc * dd), dot(v, v) / (bb * dd), dot(w, w) / (bb * cc),
+                  dot(vu, vu) / (aa * dd), dot(wu, wu) / (aa * cc), dot(wv, wv) / (aa * bb)});
+    if (!std::isfinite(each))
+        return {0.0, 0.0}; // out of range, or a facet without area
+    return {six_volumes / std::sqrt(aa + bb + cc + dd), six_volumes * std::sqrt(each)};
 }
 
 CellStep cell_step(const TetComplex &complex, const Cell &cell) {

@@ -1,6 +1,7 @@
 #include "slivers/time_step.hpp"
 
 #include "slivers/cell_step.hpp"
+#include "slivers/sliver_removal.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,8 +21,11 @@ constexpr int most_vain_passes = 3;
 constexpr double least_gain = 1e-3;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.25, last_step = 0.008;
-// An angle may fall to this part of its sine at a time, not below the smallest of the mesh.
-constexpr double share_of_sine = 0.9;
+// An angle may fall to this part of its sine at a time, but not below 15 degrees, nor below the
+// smallest of the mesh.
+constexpr double share_of_sine = 0.9, small_sine = 0.2588190451025207;
+// Of what is flat.
+constexpr double flat_sine = 1e-12;
 constexpr std::size_t largest_ring = 12;
 // The worst cells of a pass.
 constexpr std::size_t most_cells = 400;
@@ -66,6 +70,17 @@ class TimeStep {
             if (shortest >= _bound || !work_below(std::min(_bound, band * shortest), report))
                 break;
         }
+    }
+
+    std::size_t count_slivers() const {
+        if (_smallest_sine >= told_sine)
+            return 0; // none is made
+        std::size_t count = 0;
+        for (std::size_t slot = 0; slot < _steps.size(); ++slot)
+            if (_complex.is_alive(static_cast<Index>(slot)) &&
+                cell_quality(_complex, _complex.cell(static_cast<Index>(slot))) < told_sine)
+                ++count;
+        return count;
     }
 
   private:
@@ -142,7 +157,10 @@ class TimeStep {
             shortest = std::min(shortest, rated.step);
             sine = std::min(sine, rated.sine);
         }
-        _complex.least_sine = std::max(_smallest_sine, std::min(_least_sine, share_of_sine * sine));
+        // Small angles stay as they are, and none gets smaller than that.
+        const double small = std::max(small_sine, std::min(_smallest_sine, _least_sine));
+        const double floor = std::max(small, share_of_sine * std::min(sine, _least_sine));
+        _complex.least_sine = std::max(flat_sine, std::min({sine, _least_sine, floor}));
         return (1.0 + least_gain) * shortest;
     }
 
@@ -178,9 +196,9 @@ class TimeStep {
         double worst = infinite;
         for (std::size_t i = 0; i < _facets.size(); ++i) {
             const auto &[a, b, c] = _facets[i];
-            const CellStep rated = cell_step({_complex.points[TetComplex::at(b)],
-                                              _complex.points[TetComplex::at(a)],
-                                              _complex.points[TetComplex::at(c)], place});
+            const CellStep rated =
+                cell_step({_complex.points[TetComplex::at(b)], _complex.points[TetComplex::at(a)],
+                           _complex.points[TetComplex::at(c)], place});
             worst = std::min(worst, rated.step);
             if (!(worst > floor) || rated.sine < _complex.least_sine) {
                 std::swap(_facets[i], _facets[i / 2]);
@@ -198,8 +216,8 @@ class TimeStep {
         double reach = 0.0;
         for (const Triple &f : _facets)
             for (std::size_t i = 0; i < 3; ++i)
-                reach = std::max(
-                    reach, std::abs(_complex.points[TetComplex::at(f[0])][i] - start[i]));
+                reach =
+                    std::max(reach, std::abs(_complex.points[TetComplex::at(f[0])][i] - start[i]));
         double best = bar;
         Point best_place = start;
         for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
@@ -266,9 +284,6 @@ class TimeStep {
                          [&](const Cell &c) { return _complex.orientation(c) > 0; }))
             return false;
         _complex.replace(_cells, _fresh);
-        for (const Index c : _cells)
-            if (TetComplex::at(c) < _steps.size())
-                rate(c);
         note(_complex.fresh_cells());
         return true;
     }
@@ -282,6 +297,7 @@ class TimeStep {
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
+        // Those that are gone.
         for (const Index c : _cells)
             rate(c);
     }
@@ -304,8 +320,11 @@ class TimeStep {
 TimeStepReport lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
                                   Watch &watch) {
     TimeStepReport report;
-    if (complex.num_slots() > 0)
-        TimeStep(complex, num_fixed, least_sine).run(report, watch);
+    if (complex.num_slots() > 0) {
+        TimeStep work(complex, num_fixed, least_sine);
+        work.run(report, watch);
+        report.slivers = work.count_slivers();
+    }
     return report;
 }
 

@@ -11,6 +11,7 @@ struct TimeStepReport {
     std::size_t flips = 0;
     std::size_t moves = 0;
     std::size_t removed_points = 0;
+    std::size_t slivers = 0; // cells left with a dihedral angle below 10 degrees
 };
 
 /// Lengthens the stable step of the worst cell, up to what the thinnest facet of the boundary
