@@ -11,17 +11,13 @@ namespace {
 
 constexpr double impossible = -std::numeric_limits<double>::infinity();
 
-double rate(const TetComplex &complex, const Cell &cell) {
-    if (!(complex.least_sine > 0.0))
-        return cell_quality(complex, cell);
-    const CellStep rated = cell_step(complex, cell);
-    return rated.sine < complex.least_sine ? impossible : rated.step;
-}
-
 /// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
 /// by the exact predicate.
 double safe_quality(const TetComplex &complex, const Cell &cell, double quality_to_beat) {
-    const double quality = rate(complex, cell);
+    const bool by_step = complex.least_sine > 0.0;
+    const double quality = by_step ? cell_step(complex, cell) : cell_quality(complex, cell);
+    if (by_step && quality > quality_to_beat && cell_quality(complex, cell) < complex.least_sine)
+        return impossible;
     return quality > quality_to_beat && complex.orientation(cell) > 0 ? quality : impossible;
 }
 

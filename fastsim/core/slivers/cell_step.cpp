@@ -1,6 +1,5 @@
 #include "slivers/cell_step.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 namespace fastsim {
@@ -15,28 +14,20 @@ double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + 
 
 } // namespace
 
-CellStep cell_step(const std::array<Point, 4> &x) {
-    const Point u = minus(x[1], x[0]), v = minus(x[2], x[0]), w = minus(x[3], x[0]);
-    // Six volumes times the gradients of the shape functions of corners 1, 2 and 3.
+double cell_step(const Point &p, const Point &q, const Point &r, const Point &s) {
+    const Point u = minus(q, p), v = minus(r, p), w = minus(s, p);
+    // Six volumes times the gradients of the shape functions.
     const Point b = cross(v, w), c = cross(w, u), d = cross(u, v);
-    const Point a{-b[0] - c[0] - d[0], -b[1] - c[1] - d[1], -b[2] - c[2] - d[2]};
-    const double six_volumes = dot(d, w);
-    const double aa = dot(a, a), bb = dot(b, b), cc = dot(c, c), dd = dot(d, d);
-    // sin^2 = 1 - cos^2 loses its digits for flat cells: by edges, see cell_quality.
-    const Point vu = minus(v, u), wu = minus(w, u), wv = minus(w, v);
-    const double each =
-        std::min({dot(u, u) / (cc * dd), dot(v, v) / (bb * dd), dot(w, w) / (bb * cc),
-                  dot(vu, vu) / (aa * dd), dot(wu, wu) / (aa * cc), dot(wv, wv) / (aa * bb)});
-    if (!std::isfinite(each))
-        return {0.0, 0.0}; // out of range, or a facet without area
-    return {six_volumes / std::sqrt(aa + bb + cc + dd), six_volumes * std::sqrt(each)};
+    const Point a{b[0] + c[0] + d[0], b[1] + c[1] + d[1], b[2] + c[2] + d[2]};
+    const double step = dot(d, w) / std::sqrt(dot(a, a) + dot(b, b) + dot(c, c) + dot(d, d));
+    return std::isfinite(step) ? step : 0.0;
 }
 
-CellStep cell_step(const TetComplex &complex, const Cell &cell) {
-    std::array<Point, 4> corners;
-    for (std::size_t i = 0; i < 4; ++i)
-        corners[i] = complex.points[TetComplex::at(cell[i])];
-    return cell_step(corners);
+double cell_step(const TetComplex &complex, const Cell &cell) {
+    const auto at = [&](std::size_t k) -> const Point & {
+        return complex.points[TetComplex::at(cell[k])];
+    };
+    return cell_step(at(0), at(1), at(2), at(3));
 }
 
 double facet_step(const TetComplex &complex, const Triple &facet) {

@@ -7,13 +7,9 @@
 
 namespace fastsim {
 
-struct CellStep {
-    double step; // negative when inverted
-    double sine; // the smallest of a dihedral angle, see cell_quality
-};
-
-CellStep cell_step(const std::array<Point, 4> &corners);
-CellStep cell_step(const TetComplex &complex, const Cell &cell);
+/// Negative when inverted; 0 where it is out of range.
+double cell_step(const Point &a, const Point &b, const Point &c, const Point &d);
+double cell_step(const TetComplex &complex, const Cell &cell);
 
 /// What no cell on a facet exceeds, whatever lies behind it: that of an endlessly high one.
 double facet_step(const TetComplex &complex, const Triple &facet);

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <queue>
 
 namespace fastsim {
 
@@ -13,11 +15,14 @@ namespace {
 
 constexpr double infinite = std::numeric_limits<double>::infinity();
 // Cells are worked on up to as many times the shortest step, and up to this part of the bound.
-constexpr double band = 1.25, share_of_bound = 0.985;
-constexpr int most_passes = 40;
+constexpr double band = 1.1, share_of_bound = 0.985;
+constexpr int most_passes = 30;
 // Passes that do not lengthen the shortest step by this part are in vain; as many end the work.
-constexpr double least_progress = 2e-3;
+constexpr double least_progress = 5e-3;
 constexpr int most_vain_passes = 3;
+// Cells tried at most: so many, and one of so many of the mesh. A few per cent of the mesher's
+// time.
+constexpr std::size_t least_work = 500, cells_for_work = 250;
 constexpr double least_gain = 1e-3;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.25, last_step = 0.008;
@@ -27,8 +32,6 @@ constexpr double share_of_sine = 0.9, small_sine = 0.2588190451025207;
 // Of what is flat.
 constexpr double flat_sine = 1e-12;
 constexpr std::size_t largest_ring = 12;
-// The worst cells of a pass.
-constexpr std::size_t most_cells = 400;
 
 // Ways to go from a place: along the axes, and the diagonals of a cube and of its sides.
 constexpr std::array<Point, 26> ways = [] {
@@ -43,13 +46,14 @@ constexpr std::array<Point, 26> ways = [] {
 class TimeStep {
   public:
     TimeStep(TetComplex &complex, Index num_fixed, double least_sine)
-        : _complex(complex), _num_fixed(num_fixed), _least_sine(least_sine) {
+        : _complex(complex), _num_fixed(num_fixed),
+          _most_work(least_work + complex.num_slots() / cells_for_work), _least_sine(least_sine) {
         _steps.resize(complex.num_slots(), infinite);
+        const std::vector<double> sines = cell_qualities(complex);
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
             if (complex.is_alive(static_cast<Index>(slot))) {
-                const CellStep rated = cell_step(complex, complex.cell(static_cast<Index>(slot)));
-                _steps[slot] = rated.step;
-                _smallest_sine = std::min(_smallest_sine, rated.sine);
+                rate(static_cast<Index>(slot));
+                _smallest_sine = std::min(_smallest_sine, sines[slot]);
             }
         _tried.assign(_steps.size(), 0);
         _changed.assign(complex.points.size(), 1);
@@ -87,7 +91,7 @@ class TimeStep {
     double step_of(Index c) const { return _steps[TetComplex::at(c)]; }
     void rate(Index c) {
         _steps[TetComplex::at(c)] =
-            _complex.is_alive(c) ? cell_step(_complex, _complex.cell(c)).step : infinite;
+            _complex.is_alive(c) ? cell_step(_complex, _complex.cell(c)) : infinite;
     }
 
     /// The longest step that a cell on the thinnest facet can have.
@@ -104,23 +108,24 @@ class TimeStep {
 
     /// Works on all cells of a shorter step, the worst first; false when nothing was changed.
     bool work_below(double limit, TimeStepReport &report) {
-        std::vector<std::pair<double, Index>> bad;
+        _limit = limit;
+        _bad = {};
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
             if (_steps[slot] < limit && has_news(static_cast<Index>(slot)))
-                bad.emplace_back(_steps[slot], static_cast<Index>(slot));
-        const std::size_t count = std::min(bad.size(), most_cells);
-        std::partial_sort(bad.begin(), bad.begin() + static_cast<std::ptrdiff_t>(count), bad.end());
+                _bad.emplace(_steps[slot], static_cast<Index>(slot));
         bool has_changed = false;
-        for (std::size_t i = 0; i < count; ++i) {
-            const Index c = bad[i].second;
-            if (_complex.is_alive(c) && step_of(c) == bad[i].first && has_news(c)) {
-                if (improve(c, report))
-                    has_changed = true;
-                else
-                    _tried[TetComplex::at(c)] = _turn;
-            }
+        while (!_bad.empty() && _work < _most_work) {
+            const auto [step, c] = _bad.top();
+            _bad.pop();
+            if (step_of(c) != step || !has_news(c))
+                continue;
+            ++_work;
+            if (improve(c, report))
+                has_changed = true;
+            else
+                _tried[TetComplex::at(c)] = _turn;
         }
-        return has_changed;
+        return has_changed && _work < _most_work;
     }
 
     bool has_news(Index c) const {
@@ -153,9 +158,8 @@ class TimeStep {
     double bar_of(const std::vector<Index> &cells) {
         double shortest = infinite, sine = infinite;
         for (const Index c : cells) {
-            const CellStep rated = cell_step(_complex, _complex.cell(c));
-            shortest = std::min(shortest, rated.step);
-            sine = std::min(sine, rated.sine);
+            shortest = std::min(shortest, step_of(c));
+            sine = std::min(sine, cell_quality(_complex, _complex.cell(c)));
         }
         // Small angles stay as they are, and none gets smaller than that.
         const double small = std::max(small_sine, std::min(_smallest_sine, _least_sine));
@@ -190,22 +194,27 @@ class TimeStep {
         return false;
     }
 
-    /// Shortest step of the cells from the star's facets to a point, or 0 where one is no better
-    /// than the floor or loses its angle. The facet that spoils it is asked first the next time.
+    /// Shortest step of the cells from the star's facets to a place, or 0 where one is no longer
+    /// than the floor. The facet that spoils it is asked first the next time.
     double worst_from(const Point &place, double floor) {
         double worst = infinite;
-        for (std::size_t i = 0; i < _facets.size(); ++i) {
-            const auto &[a, b, c] = _facets[i];
-            const CellStep rated =
-                cell_step({_complex.points[TetComplex::at(b)], _complex.points[TetComplex::at(a)],
-                           _complex.points[TetComplex::at(c)], place});
-            worst = std::min(worst, rated.step);
-            if (!(worst > floor) || rated.sine < _complex.least_sine) {
-                std::swap(_facets[i], _facets[i / 2]);
+        for (Triple &f : _facets) {
+            worst = std::min(worst, cell_step(_complex.points[TetComplex::at(f[1])],
+                                              _complex.points[TetComplex::at(f[0])],
+                                              _complex.points[TetComplex::at(f[2])], place));
+            if (!(worst > floor)) {
+                std::swap(f, _facets.front());
                 return 0.0;
             }
         }
         return worst;
+    }
+
+    /// Whether the star's cells have their angles, seen from a point.
+    bool keeps_angles(Index point) {
+        return std::all_of(_facets.begin(), _facets.end(), [&](const Triple &f) {
+            return cell_quality(_complex, {f[1], f[0], f[2], point}) >= _complex.least_sine;
+        });
     }
 
     bool move_point(Index point) {
@@ -222,20 +231,18 @@ class TimeStep {
         Point best_place = start;
         for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
             for (const Point &way : ways) {
-                Point candidate = best_place;
                 for (std::size_t i = 0; i < 3; ++i)
-                    candidate[i] += step * way[i];
-                const double worst = worst_from(candidate, best);
-                if (worst > best) {
+                    place[i] = best_place[i] + step * way[i];
+                const double worst = worst_from(place, best);
+                if (worst > best && keeps_angles(point)) {
                     best = worst;
-                    best_place = candidate;
+                    best_place = place;
                 }
             }
-        if (!(best > bar))
-            return false;
         place = best_place;
-        if (!std::all_of(_cells.begin(), _cells.end(),
-                         [&](Index c) { return _complex.orientation(_complex.cell(c)) > 0; })) {
+        if (!(best > bar) || !std::all_of(_cells.begin(), _cells.end(), [&](Index c) {
+                return _complex.orientation(_complex.cell(c)) > 0;
+            })) {
             place = start;
             return false;
         }
@@ -269,7 +276,7 @@ class TimeStep {
                 if (f[0] != v && f[1] != v && f[2] != v)
                     _facets.push_back(f);
             const double worst = worst_from(_complex.points[TetComplex::at(v)], best);
-            if (worst > best) {
+            if (worst > best && keeps_angles(v)) {
                 best = worst;
                 into = v;
             }
@@ -294,6 +301,8 @@ class TimeStep {
         _tried.resize(_complex.num_slots(), 0);
         for (const Index c : cells) {
             rate(c);
+            if (step_of(c) < _limit)
+                _bad.emplace(step_of(c), c);
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
@@ -304,6 +313,11 @@ class TimeStep {
 
     TetComplex &_complex;
     Index _num_fixed;
+    std::size_t _work = 0, _most_work;
+    // The worst on top; also those that are gone or have changed since.
+    using Rated = std::pair<double, Index>;
+    std::priority_queue<Rated, std::vector<Rated>, std::greater<>> _bad;
+    double _limit = 0.0;
     double _least_sine, _smallest_sine = infinite, _bound = 0.0;
     std::vector<double> _steps;          // by slot; infinite where no cell lives
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
