@@ -16,9 +16,9 @@ namespace {
 constexpr Index cube_corners = 8;
 // Far enough that the cube's corners hardly spoil the cells at the surface.
 constexpr double cube_margin = 3.0;
-// Angles of 27 degrees may be given up to for a longer time step: slivers above it are improved
-// no further.
-constexpr double least_sine_for_step = 0.4536;
+// Angles of 27 degrees may be given up to for a longer time step: what is above is no sliver that
+// more work is spent on. Where an altitude is asked for, 15 degrees.
+constexpr double least_sine_for_step = 0.4536, least_sine_for_altitude = 0.2588;
 
 /// Corners of a cube around all points, `margin` box sizes away.
 std::array<Point, 8> cube_corners_around(std::span<const Point> points, double margin) {
@@ -178,7 +178,11 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
         result.slivers.left =
-            lengthen_time_step(inside, num_fixed, least_sine_for_step, watch).slivers;
+            lengthen_time_step(inside, num_fixed,
+                               settings.least_altitude > 0.0 ? least_sine_for_altitude
+                                                             : least_sine_for_step,
+                               watch)
+                .slivers;
     }
     collect(inside, num_fixed, result);
     return result;
