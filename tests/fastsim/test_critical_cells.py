@@ -67,7 +67,7 @@ def test_the_worst_cell_is_no_worse_than_a_regular_one_on_the_thinnest_facet(
     surface: TriSurface,
 ) -> None:
     found = find_critical_cells(mesh_surface(surface), TISSUE)
-    regular = np.array([[[1.0, 1, 1], [1.0, -1, -1], [-1.0, 1, -1], [-1.0, -1, 1]]])
+    regular = np.array([[[1.0, 1, 1], [-1.0, 1, -1], [1.0, -1, -1], [-1.0, -1, 1]]])
     altitude = facet_altitudes(regular[:, :3])[0]
     share = cell_steps(regular, TISSUE)[0] * wave_speed(TISSUE) / altitude
     assert share == pytest.approx(0.5, abs=0.01)
