@@ -271,6 +271,7 @@ LINES = {
     ),
     "validation": (
         53940,
+        "issue 37: the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
@@ -287,8 +288,9 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        65960,
+        66060,
         "issue 39: truths of what is judged; "
+        "issue 37: the cells that decide the time step; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "
         "issue 35: cells under compression; "
         "issue 35: cells that fold; "
@@ -323,7 +325,8 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2870,
+        2890,
+        "issue 37: the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: reports name what was not judged, and say what to do next; "
         "issue 35: `--near-tool`, `--multirate`; issue 37: `mesh --wall`, `--voxel-edge`; "

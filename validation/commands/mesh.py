@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from palpate.fastsim.critical_cells import CriticalCells
     from palpate.meshes.repair.choices import RepairChoices
 
+# Of what the thinnest facet allows at most; a regular cell on it has half.
+_FAR_BELOW = 0.5
+
 
 class Mesher(StrEnum):
     """The mesher."""
@@ -237,6 +240,8 @@ def mesh(
     print_lines(step_lines(critical, is_stated=material is not None, scale=scale, unit=unit))
     if target_step is not None:
         print(for_terminal(_verdict_line(critical, target_step, scale, unit)))
+    elif critical.time_step < _FAR_BELOW * critical.surface_step:
+        print(for_terminal(_free_line(critical, scale, unit)))
 
 
 def _inclusions(given: list[str]) -> list[tuple[str, Path]]:
@@ -279,6 +284,15 @@ def _choices(
         limit=LIMIT if limit is None else limit,
         largest_hole=LARGEST_HOLE if largest_hole is None else largest_hole,
         smallest_shell=(smallest_shell or 0.0) * scale,
+    )
+
+
+def _free_line(critical: CriticalCells, scale: float, unit: str) -> str:
+    """A line on what may lengthen a step that single cells decide."""
+    return (
+        f"the cell at {place_of(critical.positions[0], scale)} {unit} lies far below what the "
+        f"thinnest facet allows ({critical.time_step / critical.surface_step:.0%}): --free D may "
+        "replace facets within D of the surface by better ones"
     )
 
 

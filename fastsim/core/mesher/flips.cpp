@@ -1,5 +1,7 @@
 #include "mesher/flips.hpp"
 
+#include "slivers/cell_step.hpp"
+
 #include <algorithm>
 #include <limits>
 
@@ -12,6 +14,13 @@ constexpr double impossible = -std::numeric_limits<double>::infinity();
 /// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
 /// by the exact predicate.
 double safe_quality(const TetComplex &complex, const Cell &cell, double quality_to_beat) {
+    if (complex.least_sine > 0.0) {
+        const double step = cell_step(complex, cell);
+        return step > quality_to_beat && cell_quality(complex, cell) >= complex.least_sine &&
+                       complex.orientation(cell) > 0
+                   ? step
+                   : impossible;
+    }
     const double quality = cell_quality_above(complex, cell, quality_to_beat);
     return quality > quality_to_beat && complex.orientation(cell) > 0 ? quality : impossible;
 }

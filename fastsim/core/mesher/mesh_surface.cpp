@@ -4,6 +4,7 @@
 #include "mesher/carve.hpp"
 #include "recovery/steiner_removal.hpp"
 #include "slivers/flat_cells.hpp"
+#include "slivers/time_step.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -15,6 +16,9 @@ namespace {
 constexpr Index cube_corners = 8;
 // Far enough that the cube's corners hardly spoil the cells at the surface.
 constexpr double cube_margin = 3.0;
+// Angles of 27 degrees may be given up to for a longer time step: what is above is no sliver that
+// more work is spent on. Where an altitude is asked for, 15 degrees.
+constexpr double least_sine_for_step = 0.4536, least_sine_for_altitude = 0.2588;
 
 /// Corners of a cube around all points, `margin` box sizes away.
 std::array<Point, 8> cube_corners_around(std::span<const Point> points, double margin) {
@@ -169,10 +173,17 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
     result.num_boundary_steiner = stuck.size();
     const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
     watch.begin("improving cells", inside.num_slots());
-    if (settings.sliver_passes > 0)
+    if (settings.sliver_passes > 0) {
         result.slivers =
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
+        result.slivers.left =
+            lengthen_time_step(inside, num_fixed,
+                               settings.least_altitude > 0.0 ? least_sine_for_altitude
+                                                             : least_sine_for_step,
+                               watch)
+                .slivers;
+    }
     collect(inside, num_fixed, result);
     return result;
 }

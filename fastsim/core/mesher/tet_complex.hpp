@@ -56,6 +56,8 @@ class TetComplex {
     std::vector<Point> points;
     /// Altitude below which a cell counts as bad whatever its angles; 0 for none. See cell_quality.
     double wanted_altitude = 0.0;
+    /// Where positive, flips rate cells by their time step, and make none of a smaller sine.
+    double least_sine = 0.0;
 
     std::size_t num_slots() const { return _cells.size(); }
     bool is_alive(Index cell) const { return _cells[at(cell)][0] != none; }

@@ -35,8 +35,6 @@ constexpr std::size_t work_of_insertion = 8;
 // Cells tried for each cell that is bad at first: 4.2 to 5.9 on organs. And the part of it that is
 // said to be done at most.
 constexpr double work_per_bad_cell = 5.5, most_reached = 0.99;
-// sin 10 degrees.
-constexpr double told_sine = 0.17364817766693033;
 
 class SliverRemoval {
   public:

@@ -8,6 +8,9 @@
 
 namespace fastsim {
 
+/// sin 10 degrees.
+constexpr double told_sine = 0.17364817766693033;
+
 struct SliverReport {
     std::size_t flips = 0;
     std::size_t moves = 0;

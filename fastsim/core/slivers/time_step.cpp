@@ -1,0 +1,345 @@
+#include "slivers/time_step.hpp"
+
+#include "slivers/cell_step.hpp"
+#include "slivers/sliver_removal.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <queue>
+
+namespace fastsim {
+
+namespace {
+
+constexpr double infinite = std::numeric_limits<double>::infinity();
+// Cells are worked on up to as many times the shortest step, and up to this part of the bound.
+constexpr double band = 1.1, share_of_bound = 0.985;
+constexpr int most_passes = 30;
+// Passes that do not lengthen the shortest step by this part are in vain; as many end the work.
+constexpr double least_progress = 5e-3;
+constexpr int most_vain_passes = 3;
+// Cells tried at most: so many, and one of so many of the mesh. A few per cent of the mesher's
+// time.
+constexpr std::size_t least_work = 500, cells_for_work = 250;
+constexpr double least_gain = 1e-3;
+// Steps of the search for a place, in parts of the longest edge at the point.
+constexpr double first_step = 0.25, last_step = 0.008;
+// An angle may fall to this part of its sine at a time, but not below 15 degrees, nor below the
+// smallest of the mesh.
+constexpr double share_of_sine = 0.9, small_sine = 0.2588190451025207;
+// Of what is flat.
+constexpr double flat_sine = 1e-12;
+constexpr std::size_t largest_ring = 12;
+
+// Ways to go from a place: along the axes, and the diagonals of a cube and of its sides.
+constexpr std::array<Point, 26> ways = [] {
+    std::array<Point, 26> result{};
+    for (std::size_t n = 0; n < 26; ++n) {
+        const int number = static_cast<int>(n < 13 ? n : n + 1);
+        result[n] = {number % 3 - 1.0, number / 3 % 3 - 1.0, number / 9 - 1.0};
+    }
+    return result;
+}();
+
+class TimeStep {
+  public:
+    TimeStep(TetComplex &complex, Index num_fixed, double least_sine)
+        : _complex(complex), _num_fixed(num_fixed),
+          _most_work(least_work + complex.num_slots() / cells_for_work), _least_sine(least_sine) {
+        _steps.resize(complex.num_slots(), infinite);
+        const std::vector<double> sines = cell_qualities(complex);
+        for (std::size_t slot = 0; slot < _steps.size(); ++slot)
+            if (complex.is_alive(static_cast<Index>(slot))) {
+                rate(static_cast<Index>(slot));
+                _smallest_sine = std::min(_smallest_sine, sines[slot]);
+            }
+        _tried.assign(_steps.size(), 0);
+        _changed.assign(complex.points.size(), 1);
+        _bound = share_of_bound * boundary_bound();
+    }
+    ~TimeStep() { _complex.least_sine = 0.0; }
+    TimeStep(const TimeStep &) = delete;
+    TimeStep &operator=(const TimeStep &) = delete;
+
+    void run(TimeStepReport &report, Watch &watch) {
+        double reached = 0.0;
+        int vain = 0;
+        for (int pass = 0; pass < most_passes && vain < most_vain_passes; ++pass) {
+            watch.look();
+            const double shortest = *std::min_element(_steps.begin(), _steps.end());
+            vain = shortest > (1.0 + least_progress) * reached ? 0 : vain + 1;
+            reached = std::max(reached, shortest);
+            if (shortest >= _bound || !work_below(std::min(_bound, band * shortest), report))
+                break;
+        }
+    }
+
+    std::size_t count_slivers() const {
+        if (_smallest_sine >= told_sine)
+            return 0; // none is made
+        std::size_t count = 0;
+        for (std::size_t slot = 0; slot < _steps.size(); ++slot)
+            if (_complex.is_alive(static_cast<Index>(slot)) &&
+                cell_quality(_complex, _complex.cell(static_cast<Index>(slot))) < told_sine)
+                ++count;
+        return count;
+    }
+
+  private:
+    double step_of(Index c) const { return _steps[TetComplex::at(c)]; }
+    void rate(Index c) {
+        _steps[TetComplex::at(c)] =
+            _complex.is_alive(c) ? cell_step(_complex, _complex.cell(c)) : infinite;
+    }
+
+    /// The longest step that a cell on the thinnest facet can have.
+    double boundary_bound() const {
+        double bound = infinite;
+        for (std::size_t slot = 0; slot < _steps.size(); ++slot) {
+            const auto c = static_cast<Index>(slot);
+            for (int k = 0; _complex.is_alive(c) && k < 4; ++k)
+                if (_complex.neighbour(c, k) == none)
+                    bound = std::min(bound, facet_step(_complex, _complex.facet(c, k)));
+        }
+        return bound;
+    }
+
+    /// Works on all cells of a shorter step, the worst first; false when nothing was changed.
+    bool work_below(double limit, TimeStepReport &report) {
+        _limit = limit;
+        _bad = {};
+        for (std::size_t slot = 0; slot < _steps.size(); ++slot)
+            if (_steps[slot] < limit && has_news(static_cast<Index>(slot)))
+                _bad.emplace(_steps[slot], static_cast<Index>(slot));
+        bool has_changed = false;
+        while (!_bad.empty() && _work < _most_work) {
+            const auto [step, c] = _bad.top();
+            _bad.pop();
+            if (step_of(c) != step || !has_news(c))
+                continue;
+            ++_work;
+            if (improve(c, report))
+                has_changed = true;
+            else
+                _tried[TetComplex::at(c)] = _turn;
+        }
+        return has_changed && _work < _most_work;
+    }
+
+    bool has_news(Index c) const {
+        for (const Index v : _complex.cell(c))
+            if (_changed[TetComplex::at(v)] > _tried[TetComplex::at(c)])
+                return true;
+        return false;
+    }
+
+    bool improve(Index c, TimeStepReport &report) {
+        const Cell corners = _complex.cell(c);
+        for (const Index v : corners)
+            if (v >= _num_fixed && move_point(v)) {
+                ++report.moves;
+                return true;
+            }
+        if (flip_around(c)) {
+            ++report.flips;
+            return true;
+        }
+        for (const Index v : corners)
+            if (v >= _num_fixed && remove_point(v)) {
+                ++report.removed_points;
+                return true;
+            }
+        return false;
+    }
+
+    /// Shortest step of cells that are to change. Their new ones have to keep the smallest sine.
+    double bar_of(const std::vector<Index> &cells) {
+        double shortest = infinite, sine = infinite;
+        for (const Index c : cells) {
+            shortest = std::min(shortest, step_of(c));
+            sine = std::min(sine, cell_quality(_complex, _complex.cell(c)));
+        }
+        // Small angles stay as they are, and none gets smaller than that.
+        const double small = std::max(small_sine, std::min(_smallest_sine, _least_sine));
+        const double floor = std::max(small, share_of_sine * std::min(sine, _least_sine));
+        _complex.least_sine = std::max(flat_sine, std::min({sine, _least_sine, floor}));
+        return (1.0 + least_gain) * shortest;
+    }
+
+    bool flip_around(Index c) {
+        const Cell v = _complex.cell(c);
+        bool is_closed = false;
+        for (std::size_t i = 0; i < 4; ++i)
+            for (std::size_t j = i + 1; j < 4; ++j) {
+                _complex.edge_ring_from(c, v[i], v[j], _cells, _ring, is_closed);
+                if (is_closed && _ring.size() <= largest_ring &&
+                    retriangulate_ring(_complex, v[i], v[j], _cells, _ring, bar_of(_cells), none,
+                                       none)) {
+                    note(_complex.fresh_cells());
+                    return true;
+                }
+            }
+        for (int k = 0; k < 4; ++k) {
+            const Index n = _complex.neighbour(c, k);
+            if (n == none)
+                continue;
+            _cells = {c, n};
+            if (flip_facet(_complex, {c, k}, _nothing_more, bar_of(_cells))) {
+                note(_complex.fresh_cells());
+                return true;
+            }
+        }
+        return false;
+    }
+
+    /// Shortest step of the cells from the star's facets to a place, or 0 where one is no longer
+    /// than the floor. The facet that spoils it is asked first the next time.
+    double worst_from(const Point &place, double floor) {
+        double worst = infinite;
+        for (Triple &f : _facets) {
+            worst = std::min(worst, cell_step(_complex.points[TetComplex::at(f[1])],
+                                              _complex.points[TetComplex::at(f[0])],
+                                              _complex.points[TetComplex::at(f[2])], place));
+            if (!(worst > floor)) {
+                std::swap(f, _facets.front());
+                return 0.0;
+            }
+        }
+        return worst;
+    }
+
+    /// Whether the star's cells have their angles, seen from a point.
+    bool keeps_angles(Index point) {
+        return std::all_of(_facets.begin(), _facets.end(), [&](const Triple &f) {
+            return cell_quality(_complex, {f[1], f[0], f[2], point}) >= _complex.least_sine;
+        });
+    }
+
+    bool move_point(Index point) {
+        take_star(point);
+        Point &place = _complex.points[TetComplex::at(point)];
+        const Point start = place;
+        const double bar = bar_of(_cells);
+        double reach = 0.0;
+        for (const Triple &f : _facets)
+            for (std::size_t i = 0; i < 3; ++i)
+                reach =
+                    std::max(reach, std::abs(_complex.points[TetComplex::at(f[0])][i] - start[i]));
+        double best = bar;
+        Point best_place = start;
+        for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
+            for (const Point &way : ways) {
+                for (std::size_t i = 0; i < 3; ++i)
+                    place[i] = best_place[i] + step * way[i];
+                const double worst = worst_from(place, best);
+                if (worst > best && keeps_angles(point)) {
+                    best = worst;
+                    best_place = place;
+                }
+            }
+        place = best_place;
+        if (!(best > bar) || !std::all_of(_cells.begin(), _cells.end(), [&](Index c) {
+                return _complex.orientation(_complex.cell(c)) > 0;
+            })) {
+            place = start;
+            return false;
+        }
+        note(_cells);
+        return true;
+    }
+
+    /// Cells around a point, and the facets opposite.
+    void take_star(Index point) {
+        _complex.cells_around(point, _cells);
+        _facets.clear();
+        for (const Index c : _cells)
+            _facets.push_back(_complex.facet(c, _complex.corner_of(c, point)));
+    }
+
+    /// Draws an inner point into the neighbour that makes the best cells of those around it.
+    bool remove_point(Index point) {
+        take_star(point);
+        const double bar = bar_of(_cells);
+        _near.clear();
+        for (const Triple &f : _facets)
+            _near.insert(_near.end(), f.begin(), f.end());
+        std::sort(_near.begin(), _near.end());
+        _near.erase(std::unique(_near.begin(), _near.end()), _near.end());
+        const std::vector<Triple> around = _facets;
+        double best = bar;
+        Index into = none;
+        for (const Index v : _near) {
+            _facets.clear();
+            for (const Triple &f : around)
+                if (f[0] != v && f[1] != v && f[2] != v)
+                    _facets.push_back(f);
+            const double worst = worst_from(_complex.points[TetComplex::at(v)], best);
+            if (worst > best && keeps_angles(v)) {
+                best = worst;
+                into = v;
+            }
+        }
+        if (into == none)
+            return false;
+        _fresh.clear();
+        for (const Triple &f : around)
+            if (f[0] != into && f[1] != into && f[2] != into)
+                _fresh.push_back({f[1], f[0], f[2], into});
+        if (!std::all_of(_fresh.begin(), _fresh.end(),
+                         [&](const Cell &c) { return _complex.orientation(c) > 0; }))
+            return false;
+        _complex.replace(_cells, _fresh);
+        note(_complex.fresh_cells());
+        return true;
+    }
+
+    void note(const std::vector<Index> &cells) {
+        ++_turn;
+        _steps.resize(_complex.num_slots(), infinite);
+        _tried.resize(_complex.num_slots(), 0);
+        for (const Index c : cells) {
+            rate(c);
+            if (step_of(c) < _limit)
+                _bad.emplace(step_of(c), c);
+            for (const Index v : _complex.cell(c))
+                _changed[TetComplex::at(v)] = _turn;
+        }
+        // Those that are gone.
+        for (const Index c : _cells)
+            rate(c);
+    }
+
+    TetComplex &_complex;
+    Index _num_fixed;
+    std::size_t _work = 0, _most_work;
+    // The worst on top; also those that are gone or have changed since.
+    using Rated = std::pair<double, Index>;
+    std::priority_queue<Rated, std::vector<Rated>, std::greater<>> _bad;
+    double _limit = 0.0;
+    double _least_sine, _smallest_sine = infinite, _bound = 0.0;
+    std::vector<double> _steps;          // by slot; infinite where no cell lives
+    std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
+    std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
+    std::uint64_t _turn = 1;
+    std::vector<Index> _cells, _ring, _near;
+    std::vector<Triple> _facets;
+    std::vector<Cell> _fresh;
+    const Protection _nothing_more; // outer edges and facets have no ring or neighbour to flip
+};
+
+} // namespace
+
+TimeStepReport lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
+                                  Watch &watch) {
+    TimeStepReport report;
+    if (complex.num_slots() > 0) {
+        TimeStep work(complex, num_fixed, least_sine);
+        work.run(report, watch);
+        report.slivers = work.count_slivers();
+    }
+    return report;
+}
+
+} // namespace fastsim
