@@ -28,7 +28,7 @@ from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.own_files import own_path
 from palpate.meshes.ply_files import read_ply
-from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
+from palpate.meshes.surface_checks import find_near_duplicates, merge_of
 from palpate.meshes.surface_files import (
     Polygons,
     is_binary_stl,
@@ -89,7 +89,7 @@ def read_surface(
         scale: Metres per unit of the file (0.001 for millimetres).
         tell: Called with one line of text for each remark: points left out, pairs of points that
             nearly coincide.
-        given: Called with the points as they are in the file, for `in_file_unit`.
+        given: Called with the merged points as they are in the file, for `in_file_unit`.
 
     Returns:
         The surface [m], equal points merged.
@@ -105,14 +105,14 @@ def read_surface(
         raise FileFormatError(path, "holds no triangles or other polygons")
     with _named(path):
         surface = TriSurface(_scaled(points, scale), facets)
-        merged = merge_equal_points(surface)
+        merged, rows = merge_of(surface)
         if tell:
             others = sum(len(block) for block in polygons if block.shape[1] > 3)
             if others:
                 tell(f"{others} polygon(s) of more than three corners cut into triangles")
             _tell_about_points(surface, merged, tell)
         if given:
-            given(points)
+            given(points[rows])
         return merged
 
 
@@ -169,7 +169,9 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
 def _tell_about_points(
     surface: TriSurface, merged: TriSurface, tell: Callable[[str], None]
 ) -> None:
-    unused = len(surface.points) - len(np.unique(surface.facets))
+    is_used = np.zeros(len(surface.points), dtype=bool)
+    is_used[surface.facets] = True
+    unused = int((~is_used).sum())
     if unused:
         tell(f"{unused} point(s) without a facet left out")
     pairs = find_near_duplicates(merged.points)

@@ -235,6 +235,7 @@ def gate(
         print(expectation.FILE)
     raise typer.Exit(_exit_code(results, expected=expected))
 
+
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
 gate.__doc__ = f"{gate.__doc__}\n\n{_faults}"
 

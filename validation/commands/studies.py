@@ -60,6 +60,7 @@ def study(
     print(f"{output / 'report.html'}")
     raise typer.Exit(code)
 
+
 study.__doc__ = f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}"
 
 
