@@ -124,7 +124,9 @@ def load_surface(
     notes: list[str] = []
     groups: dict[str, list[int]] = {}
     given: list[Points] = []
-    surface = read_surface(path, scale=scale, tell=notes.append, given=given.append)
+    surface = read_surface(
+        path, scale=scale, tell=notes.append, given=given.append, progress=progress
+    )
     is_as_given = repair is None and wrap is None
     try:
         with advised(path, surface, is_as_given=False):
