@@ -225,7 +225,7 @@ def _plain_stl(whole: bytes, done: Done) -> Polygons | None:
     """The same where every corner is a line of its own, seven lines to a facet."""
     lines = [stripped for line in whole.splitlines() if (stripped := line.strip())]
     body = lines[1:-1]
-    if len(body) % 7 or not (lines[0][:5] == b"solid" and lines[-1][:8] == b"endsolid"):
+    if not body or len(body) % 7 or not (lines[0][:5] == b"solid" and lines[-1][:8] == b"endsolid"):
         return None
     starts = (b"facet", b"outer loop", b"vertex ", b"vertex ", b"vertex ", b"endloop", b"endfacet")
     for k, start in enumerate(starts):

@@ -166,7 +166,8 @@ def test_blocks_of_other_widths_are_no_table(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(text_tables, "_BLOCK", 2)
     lines = [b"1 2 3"] * 4
     found = table(lines, None, np.int64)
-    assert found is not None and found.shape == (4, 3)
+    assert found is not None
+    assert found.shape == (4, 3)
     assert table([*lines, b"1 2"], None, np.int64) is None
     assert polygons_by_corners([b"3 0 1 2", b"03 0 1 2"]) is None
 
