@@ -27,7 +27,7 @@ FORBIDDEN = {
     },
     "fastsim": {
         "palpate.reference", "palpate.validation",
-        "dolfinx", "ufl", "petsc4py", "gmsh", "scipy", "tetgen", "pyvista", "meshio",
+        "dolfinx", "ufl", "petsc4py", "gmsh", "scipy", "tetgen", "pytetwild", "pyvista", "meshio",
     },
     "reference": {"palpate.fastsim", "palpate.validation", "gmsh"},
     "validation": set(),
