@@ -157,8 +157,8 @@ class _tetgen:
 TETWILD = """
 import numpy as np
 __version__ = "0.0, of the other environment"
-def tetrahedralize(points, facets, edge_length_abs, epsilon, num_threads):
-    assert num_threads == 1 and 0.3 < edge_length_abs < 0.5
+def tetrahedralize(points, facets, edge_length_abs, epsilon, num_threads, vtk_ordering):
+    assert num_threads == 1 and vtk_ordering and 0.4 < edge_length_abs < 0.7
     points = np.vstack([(1.0 - epsilon) * points, points.mean(axis=0)])
     middle = np.full((len(facets), 1), len(points) - 1)
     return points, np.hstack([middle, facets])

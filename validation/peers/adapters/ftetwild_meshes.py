@@ -28,5 +28,6 @@ class Mesh:
             edge_length_abs=self._edge_length,
             epsilon=self._epsilon,
             num_threads=1,
+            vtk_ordering=True,  # its own turns cells the other way round
         )
         self.result = {"points": points, "cells": cells}
