@@ -44,6 +44,7 @@ from palpate.meshes.surface_files import (
 )
 from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.text_tables import Done
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
 
@@ -126,6 +127,7 @@ def _polygons_of(path: str | Path, percent: Percent) -> Polygons:
     with open_plain(file, most_bytes=4 * MOST_BYTES) as stream:
         start = stream.read(_HEADER_BYTES)
         size = stream.seek(0, io.SEEK_END)
+    own: Callable[[Path, Done], Polygons] | None
     own = {".obj": read_obj, ".off": read_off, ".ply": read_ply}.get(suffix)
     if suffix == ".stl":
         own = read_binary_stl if is_binary_stl(file) else read_text_stl

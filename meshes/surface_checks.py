@@ -167,7 +167,7 @@ def merge_of(surface: TriSurface) -> tuple[TriSurface, Integers]:
     used = np.flatnonzero(is_used)
     points = surface.points[used] + 0.0  # -0.0 and 0.0 are equal
     first, same = equal_points(points)
-    number = np.zeros(len(is_used), dtype=np.int64)
+    number = np.zeros(len(is_used), dtype=np.int32)
     number[used] = same
     return TriSurface(points[first], number[surface.facets]), used[first]
 

@@ -31,7 +31,7 @@ def scaled(done: Done, first: float, last: float) -> Done:
 def table(
     lines: Sequence[bytes],
     columns: Iterable[int] | None,
-    kind: type[np.generic],
+    kind: Any,
     done: Done = nobody,
 ) -> NDArray[Any] | None:
     """Columns of numbers, shape (num_lines, num_columns); what follows a # is left out.
@@ -45,15 +45,15 @@ def table(
     Returns:
         The numbers; None where a line has too few, or something else.
     """
-    columns = None if columns is None else tuple(columns)
-    blocks = []
+    chosen: Any = None if columns is None else tuple(columns)
+    blocks: list[NDArray[Any]] = []
     for first in range(0, len(lines), _BLOCK):
         block = lines[first : first + _BLOCK]
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # of lines without data, and of 1.5 as an index
                 found = np.loadtxt(
-                    block, kind, usecols=columns, ndmin=2, comments="#", encoding="latin-1"
+                    list(block), kind, usecols=chosen, ndmin=2, comments="#", encoding="latin-1"
                 )
         except (ValueError, OverflowError, Warning):
             return None
