@@ -236,6 +236,7 @@ def test_no_two_files_import_one_another_in_a_circle() -> None:
 LINES = {
     "meshes": (
         9780,
+        "issue 37: surfaces in text at once, with per cent, beside the slow way; "
         "issue 37: equal and near points by keys; "
         "issue 38: meshes and surfaces are printed in a line; "
         "issue 37: VTU files written four times as fast; open copies of sheets; "
@@ -270,6 +271,7 @@ LINES = {
     ),
     "validation": (
         54080,
+        "issue 37: commands loaded one by one, fTetWild; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
         "issue 38: a report in words, per cent and one date; "
@@ -287,6 +289,7 @@ LINES = {
     ),
     "tests": (
         66010,
+        "issue 37: text at once as word by word, what a command loads; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level; "
         "issue 35: cells under compression; "
         "issue 35: cells that fold; "
