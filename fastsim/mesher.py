@@ -17,7 +17,6 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
-from palpate.fastsim.percent import Percent
 from palpate.fastsim.surface_remesher import (
     RemeshReport,
     compact_facets,
@@ -28,6 +27,7 @@ from palpate.fastsim.surface_remesher import (
 )
 from palpate.meshes.arrays import Indices, Points, checked_points
 from palpate.meshes.errors import InputError, InvertedCellError
+from palpate.meshes.percent import Percent
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface

@@ -17,9 +17,9 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import SizeField, grid_of_sizes
-from palpate.fastsim.percent import Percent
 from palpate.meshes.arrays import Floats, Indices, Integers, Points
 from palpate.meshes.errors import MeshError
+from palpate.meshes.percent import Percent
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface

@@ -84,9 +84,15 @@ def equal_points(points: Points) -> tuple[Integers, Integers]:
     Shapes (num_sets,) and (num_points,); -0.0 and 0.0 are equal.
     """
     same = np.ascontiguousarray(points) + 0.0
-    _, first, inverse = np.unique(
-        row_keys(same.view(np.int64)), return_index=True, return_inverse=True
-    )
+    keys = row_keys(same.view(np.int64))
+    order = np.argsort(keys)
+    if len(keys) == 0:
+        return order, order
+    ordered = keys[order]
+    is_next = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    first = np.minimum.reduceat(order, np.flatnonzero(is_next))
+    inverse = np.empty_like(order)
+    inverse[order] = np.cumsum(is_next) - 1
     if not np.array_equal(same[first][inverse], same):
         _, first, inverse = np.unique(same, axis=0, return_index=True, return_inverse=True)
         inverse = inverse.reshape(-1)

@@ -27,8 +27,9 @@ from palpate.meshes.arrays import Points, equal_points
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
 from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.own_files import own_path
+from palpate.meshes.percent import Percent
 from palpate.meshes.ply_files import read_ply
-from palpate.meshes.surface_checks import find_near_duplicates, merge_equal_points
+from palpate.meshes.surface_checks import find_near_duplicates, merge_of
 from palpate.meshes.surface_files import (
     Polygons,
     is_binary_stl,
@@ -43,6 +44,7 @@ from palpate.meshes.surface_files import (
 )
 from palpate.meshes.temporaries import atomic_path, scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.text_tables import Done
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted import limited_memory, open_plain, unpacked_bytes
 
@@ -78,6 +80,7 @@ def read_surface(
     scale: float = 1.0,
     tell: Callable[[str], None] | None = None,
     given: Callable[[Points], None] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> TriSurface:
     """Read a surface of polygons; points that are equal bit for bit are merged.
 
@@ -89,7 +92,8 @@ def read_surface(
         scale: Metres per unit of the file (0.001 for millimetres).
         tell: Called with one line of text for each remark: points left out, pairs of points that
             nearly coincide.
-        given: Called with the points as they are in the file, for `in_file_unit`.
+        progress: Called with lines on a text file that takes more than two seconds to read.
+        given: Called with the merged points as they are in the file, for `in_file_unit`.
 
     Returns:
         The surface [m], equal points merged.
@@ -99,30 +103,31 @@ def read_surface(
             crosses itself.
         MeshError: Coordinates or indices that cannot be used.
     """
-    points, polygons = _polygons_of(path)
+    points, polygons = _polygons_of(path, Percent(progress))
     facets = triangles_of(path, points, polygons)
     if len(facets) == 0:
         raise FileFormatError(path, "holds no triangles or other polygons")
     with _named(path):
         surface = TriSurface(_scaled(points, scale), facets)
-        merged = merge_equal_points(surface)
+        merged, rows = merge_of(surface)
         if tell:
             others = sum(len(block) for block in polygons if block.shape[1] > 3)
             if others:
                 tell(f"{others} polygon(s) of more than three corners cut into triangles")
             _tell_about_points(surface, merged, tell)
         if given:
-            given(points)
+            given(points[rows])
         return merged
 
 
-def _polygons_of(path: str | Path) -> Polygons:
+def _polygons_of(path: str | Path, percent: Percent) -> Polygons:
     """Points and polygons, by the reader of its kind."""
     file = Path(path)
     suffix = _known_suffix(file, READ_SURFACE_SUFFIXES)
     with open_plain(file, most_bytes=4 * MOST_BYTES) as stream:
         start = stream.read(_HEADER_BYTES)
         size = stream.seek(0, io.SEEK_END)
+    own: Callable[[Path, Done], Polygons] | None
     own = {".obj": read_obj, ".off": read_off, ".ply": read_ply}.get(suffix)
     if suffix == ".stl":
         own = read_binary_stl if is_binary_stl(file) else read_text_stl
@@ -131,7 +136,7 @@ def _polygons_of(path: str | Path) -> Polygons:
     if own is not None:
         try:
             with limited_memory(_SPARE_BYTES + _PER_FILE_BYTE * size):
-                points, polygons = own(file)
+                points, polygons = own(file, partial(percent, f"reading {file.name}"))
         except MemoryError as error:
             raise FileFormatError(path, "needs more memory than a file of its size may") from error
         if len(points) == 0:
@@ -169,7 +174,9 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
 def _tell_about_points(
     surface: TriSurface, merged: TriSurface, tell: Callable[[str], None]
 ) -> None:
-    unused = len(surface.points) - len(np.unique(surface.facets))
+    is_used = np.zeros(len(surface.points), dtype=bool)
+    is_used[surface.facets] = True
+    unused = int((~is_used).sum())
     if unused:
         tell(f"{unused} point(s) without a facet left out")
     pairs = find_near_duplicates(merged.points)
@@ -441,10 +448,11 @@ def _fast_zlib() -> Iterator[None]:
 def _write_text(path: Path, suffix: str, mesh: Any) -> None:
     """OBJ and OFF with all 17 digits, so that a round trip is exact."""
     facets = mesh.cells[0].data
-    rows = [" ".join(f"{x:.17g}" for x in point) for point in mesh.points]
-    if suffix == ".obj":
-        lines = [f"v {row}" for row in rows] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in facets]
-    else:
-        lines = ["OFF", f"{len(rows)} {len(facets)} 0", *rows]
-        lines += [f"3 {a} {b} {c}" for a, b, c in facets]
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    is_obj = suffix == ".obj"
+    # One format for all rows: a third of the time of a text for each.
+    rows = "v %.17g %.17g %.17g\n" if is_obj else "%.17g %.17g %.17g\n"
+    text = rows * len(mesh.points) % tuple(mesh.points.ravel().tolist())
+    rows = "f %d %d %d\n" if is_obj else "3 %d %d %d\n"
+    text += rows * len(facets) % tuple((facets + is_obj).ravel().tolist())
+    header = "" if is_obj else f"OFF\n{len(mesh.points)} {len(facets)} 0\n"
+    path.write_text(header + text, encoding="ascii")

@@ -8,6 +8,7 @@ same list of `tristrips`, ended by -1. Everything else is read over.
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.polygons import Indices
+from palpate.meshes.text_tables import Done, nobody, polygons_by_corners, scaled, table
 
 _NUMBERS = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -27,6 +29,8 @@ _NUMBERS = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
 _MOST_HEADER_LINES = 1000
+# Records after which a slow reader says how far it is.
+_OFTEN = 20_000
 
 
 @dataclass
@@ -45,7 +49,7 @@ class _Element:
         )
 
 
-def read_ply(path: Path) -> tuple[NDArray[np.float64], list[Indices]]:
+def read_ply(path: Path, done: Done = nobody) -> tuple[NDArray[np.float64], list[Indices]]:
     """Points, (n, 3), and polygons in blocks of as many corners each.
 
     Raises:
@@ -60,7 +64,7 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], list[Indices]]:
                 raise ValueError("its header states more than it holds: cut off")
             stream.seek(start)
             body = stream.read()
-            tables = dict(_tables(order, elements, body))
+            tables = dict(_tables(order, elements, body, done))
         except (ValueError, OverflowError, IndexError, KeyError) as error:
             raise FileFormatError(path, f"cannot be read as ply ({error})") from error
     if "vertex" not in tables:
@@ -102,16 +106,17 @@ def _header(stream: io.BufferedReader) -> tuple[str, list[_Element]]:
 
 
 def _tables(
-    order: str, elements: list[_Element], body: bytes
+    order: str, elements: list[_Element], body: bytes, done: Done
 ) -> Iterator[tuple[str, list[NDArray[Any]]]]:
     """Coordinates of points, or lists of points by their lengths, of each element with them."""
     lines = iter(()) if order else iter(line for line in body.splitlines() if line.strip())
     at = 0
-    for element in elements:
+    for number, element in enumerate(elements):
+        part = scaled(done, number / len(elements), (number + 1) / len(elements))
         if order:
             found, at = _binary(element, order, body, at)
         else:
-            found = _text(element, lines)
+            found = _text(element, lines, part)
         if element.name == "vertex":
             yield element.name, [np.column_stack([found[axis][0] for axis in "xyz"])]
         elif element.indices:
@@ -121,22 +126,29 @@ def _tables(
 _Columns = dict[str, list[NDArray[Any]]]
 
 
-def _text(element: _Element, lines: Iterator[bytes]) -> _Columns:
+def _text(element: _Element, lines: Iterator[bytes], done: Done) -> _Columns:
     """Of scalars a column, of lists blocks of as many entries each."""
-    rows = [
-        words
-        for _, line in zip(range(element.count), lines, strict=False)
-        if (words := line.split())
-    ]
-    if len(rows) < element.count:
-        raise ValueError(f"{len(rows)} of {element.count} {element.name}: cut off")
+    given = list(itertools.islice(lines, element.count))
+    if len(given) < element.count:
+        raise ValueError(f"{len(given)} of {element.count} {element.name}: cut off")
+    names = [name for name, _, _ in element.properties]
     if not any(length for _, _, length in element.properties):
-        names = [name for name, _, _ in element.properties]
-        table = np.array([row[: len(names)] for row in rows], dtype=np.bytes_)
-        numbers = table.reshape(len(rows), len(names)).astype(np.float64)
+        plain = table(given, range(len(names)), np.float64, done) if names else None
+        if plain is not None:
+            return {name: [plain[:, k]] for k, name in enumerate(names)}
+    elif names[0] == element.indices and element.properties[0][1][0] in "iu":
+        blocks = polygons_by_corners(given, done)
+        if blocks is not None and len(names) == 1:
+            return {names[0]: list(blocks.values())}
+    rows = [line.split() for line in given]
+    if not any(length for _, _, length in element.properties):
+        words = np.array([row[: len(names)] for row in rows], dtype=np.bytes_)
+        numbers = words.reshape(len(rows), len(names)).astype(np.float64)
         return {name: [numbers[:, k]] for k, name in enumerate(names)}
     lists: dict[str, dict[int, list[list[float]]]] = {}
-    for row in rows:
+    for number, row in enumerate(rows):
+        if number % _OFTEN == 0:
+            done(number / len(rows))
         at = 0
         for name, kind, length in element.properties:
             count = int(row[at]) if length else 1

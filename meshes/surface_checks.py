@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -32,6 +33,10 @@ from palpate.meshes.triangles import (
 LARGEST_FIN = 0.1
 
 
+# Shells of surfaces that were looked at: who reads one asks, and who meshes it asks again.
+_CLOSED: WeakKeyDictionary[TriSurface, tuple[Shell, ...]] = WeakKeyDictionary()
+
+
 def require_closed(surface: TriSurface) -> list[Shell]:
     """Refuse a surface that is not closed, manifold, consistently oriented and outward.
 
@@ -58,11 +63,13 @@ def require_closed(surface: TriSurface) -> list[Shell]:
     """
     if surface.num_facets == 0:
         raise EmptySurfaceError("the surface has no facets; give a closed triangulated surface")
-    try:
-        return _shells_of(surface)
-    except SurfaceError as error:
-        error.surface = surface
-        raise
+    if surface not in _CLOSED:
+        try:
+            _CLOSED[surface] = tuple(_shells_of(surface))
+        except SurfaceError as error:
+            error.surface = surface
+            raise
+    return list(_CLOSED[surface])
 
 
 def _shells_of(surface: TriSurface) -> list[Shell]:
@@ -150,10 +157,19 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
 
     Points keep the order of their first appearance.
     """
-    used, compact = np.unique(surface.facets, return_inverse=True)
+    return merge_of(surface)[0]
+
+
+def merge_of(surface: TriSurface) -> tuple[TriSurface, Integers]:
+    """`merge_equal_points`, and which point of the surface each merged one is, the first."""
+    is_used = np.zeros(len(surface.points), dtype=bool)
+    is_used[surface.facets] = True
+    used = np.flatnonzero(is_used)
     points = surface.points[used] + 0.0  # -0.0 and 0.0 are equal
     first, same = equal_points(points)
-    return TriSurface(points[first], same[compact.reshape(-1)].reshape(-1, 3))
+    number = np.zeros(len(is_used), dtype=np.int32)
+    number[used] = same
+    return TriSurface(points[first], number[surface.facets]), used[first]
 
 
 # Near points, as a fraction of the longest side of the bounding box: some ten roundings of single

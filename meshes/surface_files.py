@@ -24,6 +24,7 @@ from palpate.meshes.errors import FileFormatError
 from palpate.meshes.polygons import Indices, PolygonError, cut_into_triangles
 from palpate.meshes.supervised import run_supervised
 from palpate.meshes.temporaries import scratch_folder
+from palpate.meshes.text_tables import Done, nobody, polygons_by_corners, scaled, table
 
 # Points, and polygons in blocks of as many corners each.
 Polygons = tuple[Points, list[Indices]]
@@ -35,6 +36,8 @@ _OBJ_HARMLESS = {
 }  # fmt: skip
 _OFF_HEADER = re.compile(r"\A(ST)?(C)?(N)?OFF\b")
 _STL_HEADER, _STL_RECORD = 84, 50
+# Lines after which a slow reader says how far it is: a few hundredths of a second.
+_OFTEN = 20_000
 _SECONDS = 300.0  # a surface of ten million triangles
 # What a legacy VTK file says of its own size, at the start of a line.
 _VTK_COUNTS = re.compile(
@@ -62,16 +65,21 @@ def triangles_of(path: str | Path, points: Points, polygons: list[Indices]) -> N
         raise FileFormatError(path, str(error)) from error
 
 
-def read_obj(path: Path) -> Polygons:
+def read_obj(path: Path, done: Done = nobody) -> Polygons:
     """Points and polygons of an OBJ file, whatever texture and normals go with them.
 
     Raises:
         FileFormatError: Damaged, or with surfaces that are no polygons.
     """
+    lines = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    plain = _plain_obj(lines, done)
+    if plain is not None:
+        return plain
     points: list[list[bytes]] = []
     by_corners: dict[int, list[list[int]]] = {}
-    text = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(lines, 1):
+        if number % _OFTEN == 0:
+            done(number / len(lines))
         word, *fields = line.split(b"#", 1)[0].split() or [b""]
         if word == b"v":
             points.append(fields[:3])
@@ -91,13 +99,44 @@ def read_obj(path: Path) -> Polygons:
     return _numbers(path, points), _blocks(path, by_corners)
 
 
-def read_off(path: Path) -> Polygons:
+def _plain_obj(lines: list[bytes], done: Done) -> Polygons | None:
+    """The same of lines `v x y z`, `f a b c` with indices above 0, and harmless ones."""
+    of_points, of_facets, others = list[bytes](), list[bytes](), set[bytes]()
+    for line in lines:
+        start = line[:2]
+        if start == b"v ":
+            of_points.append(line[2:])
+        elif start == b"f ":
+            of_facets.append(line[2:])
+        elif line:
+            others.add(line.split(b" ", 1)[0])
+    if any(w[:1] != b"#" and w.decode("ascii", "replace") not in _OBJ_HARMLESS for w in others):
+        return None
+    if any(b"/" in line for line in of_facets):
+        of_facets = re.sub(rb"/\S*", b"", b"\n".join(of_facets)).split(b"\n")
+    points = table(of_points, range(3), np.float64, scaled(done, 0.0, 0.6))
+    counts = np.array([len(line.split()) for line in of_facets], dtype=np.int64)
+    blocks = []
+    for count in np.unique(counts):
+        chosen = [of_facets[k] for k in np.flatnonzero(counts == count)]
+        rows = table(chosen, None, np.int64, scaled(done, 0.6, 1.0))
+        if rows is None or count < 3 or rows.min() < 1:
+            return None
+        blocks.append(rows - 1)
+    return None if points is None else (points, blocks)
+
+
+def read_off(path: Path, done: Done = nobody) -> Polygons:
     """Points and polygons of an OFF file in text, whatever colours and normals go with them.
 
     Raises:
         FileFormatError: Damaged, cut off, binary, or of other than three dimensions.
     """
-    lines = path.read_bytes().decode("latin-1").splitlines()
+    whole = path.read_bytes()
+    plain = _plain_off(whole, done)
+    if plain is not None:
+        return plain
+    lines = whole.decode("latin-1").splitlines()
     rows = [words for line in lines if (words := line.split("#", 1)[0].split())]
     header = _OFF_HEADER.match(rows[0][0]) if rows else None
     if header is None or header.end() != len(rows[0][0]) or "BINARY" in rows[0]:
@@ -109,7 +148,9 @@ def read_off(path: Path) -> Polygons:
         if min(num_points, num_facets) < 0 or len(body) < num_points + num_facets:
             raise ValueError(f"{len(rows) - 1} lines of {num_points} points, {num_facets} facets")
         by_corners: dict[int, list[list[int]]] = {}
-        for row in body[num_points:]:
+        for number, row in enumerate(body[num_points:]):
+            if number % _OFTEN == 0:
+                done(number / num_facets)
             count = int(row[0])
             if count < 1 or len(row) <= count:
                 raise ValueError(f"a facet of {count} corners in {' '.join(row)[:60]!r}")
@@ -119,6 +160,24 @@ def read_off(path: Path) -> Polygons:
         raise FileFormatError(path, f"cannot be read as off ({error})") from error
     points = [[word.encode() for word in row[:3]] for row in body[:num_points]]
     return _numbers(path, points), _blocks(path, by_corners)
+
+
+def _plain_off(whole: bytes, done: Done) -> Polygons | None:
+    """The same of a header and two numbers on lines of their own, then a line each."""
+    lines = [line for line in whole.splitlines() if line and line[:1] != b"#"]
+    counts = lines[1].split()[:2] if len(lines) > 2 else []
+    header = _OFF_HEADER.fullmatch(lines[0].decode("latin-1").strip()) if counts else None
+    if header is None or len(counts) < 2 or not all(w.isdigit() and len(w) < 10 for w in counts):
+        return None
+    num_points, num_facets = map(int, counts)
+    body = lines[2 : 2 + num_points + num_facets]
+    if len(body) < num_points + num_facets:
+        return None
+    points = table(body[:num_points], range(3), np.float64, scaled(done, 0.0, 0.6))
+    blocks = polygons_by_corners(body[num_points:], scaled(done, 0.6, 1.0))
+    if points is None or blocks is None:
+        return None
+    return points, [rows for count, rows in blocks.items() if count > 2]
 
 
 def is_binary_stl(path: Path) -> bool:
@@ -140,13 +199,17 @@ def _num_stl_facets(start: bytes) -> int:
     return int.from_bytes(start[80:84], "little")
 
 
-def read_text_stl(path: Path) -> Polygons:
+def read_text_stl(path: Path, done: Done = nobody) -> Polygons:
     """Three points for each facet, in capitals or not.
 
     Raises:
         FileFormatError: Damaged or cut off: facets without three corners each, or without an end.
     """
-    words = path.read_bytes().lower().split()
+    whole = path.read_bytes().lower()
+    plain = _plain_stl(whole, done)
+    if plain is not None:
+        return plain
+    words = whole.split()
     marks = np.flatnonzero(np.array(words, dtype="S6") == b"vertex")
     num_facets = words.count(b"facet")
     if not words or words[0] != b"solid" or b"endsolid" not in words[-20:]:
@@ -158,7 +221,29 @@ def read_text_stl(path: Path) -> Polygons:
     return points, [np.arange(len(points)).reshape(-1, 3)]
 
 
-def read_binary_stl(path: Path) -> Polygons:
+def _plain_stl(whole: bytes, done: Done) -> Polygons | None:
+    """The same where every corner is a line of its own, seven lines to a facet."""
+    lines = [stripped for line in whole.splitlines() if (stripped := line.strip())]
+    body = lines[1:-1]
+    if not body or len(body) % 7 or not (lines[0][:5] == b"solid" and lines[-1][:8] == b"endsolid"):
+        return None
+    starts = (b"facet", b"outer loop", b"vertex ", b"vertex ", b"vertex ", b"endloop", b"endfacet")
+    for k, start in enumerate(starts):
+        if not all(line.startswith(start) for line in body[k::7]):
+            return None
+        done(0.05 * (k + 1) / 7)
+    corners = []
+    for k in (2, 3, 4):
+        part = scaled(done, 0.05 + 0.31 * (k - 2), 0.05 + 0.31 * (k - 1))
+        found = table([line[7:] for line in body[k::7]], range(3), np.float64, part)
+        if found is None:
+            return None
+        corners.append(found)
+    points = np.stack(corners, axis=1).reshape(-1, 3)
+    return points, [np.arange(len(points)).reshape(-1, 3)]
+
+
+def read_binary_stl(path: Path, _done: Done = nobody) -> Polygons:
     """Three points for each facet; its stated normal and attributes are left out."""
     kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     whole = path.read_bytes()
@@ -166,7 +251,7 @@ def read_binary_stl(path: Path) -> Polygons:
     return corners.reshape(-1, 3).astype(float), [np.arange(3 * len(corners)).reshape(-1, 3)]
 
 
-def read_by_vtk(path: Path) -> Polygons:
+def read_by_vtk(path: Path, _done: Done = nobody) -> Polygons:
     """Points and polygons that VTK finds in a file, in a process of its own.
 
     Raises:

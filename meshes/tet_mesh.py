@@ -114,6 +114,8 @@ class TetMesh:
         keep = object.__setattr__
         keep(self, "points", points)
         keep(self, "cells", cells)
+        volumes.setflags(write=False)
+        keep(self, "cell_volumes", volumes)  # found already
         for kind, given, width, most in (
             ("facets", self.facet_groups, 3, len(points)),
             ("points", self.point_groups, 1, len(points)),

@@ -199,10 +199,9 @@ def mesh(
     >>> round(body.volume * 1e6, 6)  # cm3
     24.0
     """
-    from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, load_surface
-    from palpate.validation.case.meshing import fill_loaded
-    from palpate.validation.case.units import LENGTH, Units
+    from palpate.validation.case.meshing import Plan, fill_loaded
+    from palpate.validation.conversions import LENGTH
 
     for name, value in (("edge_length", edge_length), ("boundary_distance", boundary_distance)):
         if value is not None and not 0.0 < value < float("inf"):
@@ -218,13 +217,8 @@ def mesh(
     else:
         choices = RepairChoices() if repair is True else repair or None
         loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
-    spec = MeshSpec(
-        mesher=mesher,
-        edge_length=edge_length,
-        boundary="kept" if boundary_distance is None else "free",
-        boundary_distance=boundary_distance,
-    )
-    return fill_loaded(loaded, spec, Units()).mesh
+    plan = Plan(mesher=mesher, edge_length=edge_length, boundary_distance=boundary_distance)
+    return fill_loaded(loaded, plan).mesh
 
 
 def judge(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from palpate.meshes.errors import InputError
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.commands import case_files, judging, reference, solve, studies
 from palpate.validation.commands.endings import (
     end_by,
     end_of,
@@ -19,21 +20,79 @@ from palpate.validation.commands.endings import (
     quiet_archives,
     stoppable,
 )
-from palpate.validation.commands.fit import fit
-from palpate.validation.commands.history import history
-from palpate.validation.commands.law import law
-from palpate.validation.commands.mesh import mesh
-from palpate.validation.commands.options import listed
+from palpate.validation.quoting import listed
 from palpate.validation.states import ExitCode
-from palpate.validation.studies import STUDIES
-from palpate.validation.versions import version_lines
 
-app = typer.Typer(name="palpate", no_args_is_help=True, pretty_exceptions_enable=False)
-app.add_typer(reference.app, name="reference")
+# Every command, in the order of --help, and the function in `commands` that it is; reference has
+# commands of its own.
+_COMMANDS = {
+    "cases": "case_files.cases",
+    "init": "case_files.init",
+    "import": "case_files.import_model",
+    "schema": "case_files.schema",
+    "check": "case_files.check",
+    "mesh": "mesh.mesh",
+    "export": "case_files.export",
+    "compare": "judging.compare",
+    "compare-runs": "judging.compare_runs",
+    "audit": "solve.audit",
+    "law": "law.law",
+    "solve": "solve.solve",
+    "sweep": "studies.sweep",
+    "fit": "fit.fit",
+    "touch": "studies.touch",
+    "gate": "judging.gate",
+    "report": "judging.report",
+    "study": "studies.study",
+    "bench": "studies.bench",
+    "scoreboard": "studies.scoreboard",
+    "history": "history.history",
+    "reference": "reference.app",
+}
+
+
+class _Loaded(Mapping[str, Any]):
+    """Commands by name; the module of one is loaded when that is asked for, and no other."""
+
+    def __getitem__(self, name: str) -> Any:
+        module, _, function = _COMMANDS[name].partition(".")
+        found = getattr(importlib.import_module(f"palpate.validation.commands.{module}"), function)
+        if not isinstance(found, typer.Typer):
+            one = typer.Typer(add_completion=False)
+            one.command(name, help=found.__doc__)(found)
+            found = one
+        command = typer.main.get_command(found)
+        command.name = name
+        return command
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_COMMANDS)
+
+    def __len__(self) -> int:
+        return len(_COMMANDS)
+
+
+class _Commands(TyperGroup):
+    """The commands of palpate, loaded one by one."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**(attributes | {"commands": {}}))
+        self.commands: Any = _Loaded()
+
+    def list_commands(self, _context: Any, /) -> list[str]:
+        """Their names, without loading them."""
+        return list(_COMMANDS)
+
+
+app = typer.Typer(
+    name="palpate", cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False
+)
 
 
 def _print_version(is_asked: bool) -> None:
     if is_asked:
+        from palpate.validation.versions import version_lines
+
         print("\n".join(version_lines()))
         raise typer.Exit
 
@@ -61,31 +120,6 @@ def palpate(
         raise InputError(
             f"the working folder cannot be used ({error.strerror}): go to another"
         ) from None
-
-
-app.command()(case_files.cases)
-app.command()(case_files.init)
-app.command("import")(case_files.import_model)
-app.command()(case_files.schema)
-app.command()(case_files.check)
-app.command()(mesh)
-app.command()(case_files.export)
-app.command()(judging.compare)
-app.command("compare-runs")(judging.compare_runs)
-app.command()(solve.audit)
-app.command()(law)
-app.command()(solve.solve)
-app.command()(studies.sweep)
-app.command()(fit)
-app.command()(studies.touch)
-_faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
-app.command(help=f"{judging.gate.__doc__}\n\n{_faults}")(judging.gate)
-app.command()(judging.report)
-_studies = listed("Studies:", STUDIES.items())
-app.command(help=f"{studies.study.__doc__}\n\n{_studies}")(studies.study)
-app.command()(studies.bench)
-app.command()(studies.scoreboard)
-app.command()(history)
 
 
 def main() -> None:

@@ -165,3 +165,10 @@ def own_words(name: str, said: Mapping[str, Any]) -> str:
     if len(parts) > _MOST_KEYS:
         parts = [*parts[:_MOST_KEYS], f"and {len(parts) - _MOST_KEYS} more"]
     return f"{visible(name)} says of itself, unchecked: {', '.join(parts)}." if parts else ""
+
+
+def listed(title: str, lines: Iterable[tuple[str, str]]) -> str:
+    """A list for --help, in which each entry stays on its own line."""
+    rows = [(name, about) for name, about in lines]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([f"\b\n{title}", *(f"  {name:{width}}  {about}" for name, about in rows)])

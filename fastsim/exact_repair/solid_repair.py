@@ -38,8 +38,8 @@ from palpate.fastsim.exact_repair.union import (
     is_available,
     unite,
 )
-from palpate.fastsim.percent import Percent
 from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.percent import Percent
 from palpate.meshes.repair.choices import FUSES, LIMIT, RepairChoices
 from palpate.meshes.repair.patches import grow
 from palpate.meshes.repair.surface_repair import RepairReport, repair_surface

@@ -20,10 +20,10 @@ from palpate.fastsim import _core
 from palpate.fastsim.exact_repair.part_changes import round_up
 from palpate.fastsim.grading.size_fields import grid_of_sizes
 from palpate.fastsim.mesher import TimeLimitError
-from palpate.fastsim.percent import Percent
 from palpate.fastsim.surface_remesher import two_way_distance
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.percent import Percent
 from palpate.meshes.repair.patches import loose_facets
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed

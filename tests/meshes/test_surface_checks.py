@@ -15,6 +15,7 @@ from palpate.meshes.surface_checks import (
     _surely_apart,
     find_near_duplicates,
     merge_equal_points,
+    merge_of,
     require_closed,
 )
 from palpate.meshes.tri_surface import (
@@ -119,8 +120,12 @@ def test_soup_is_merged_and_unused_points_are_dropped() -> None:
     )
     with pytest.raises(OpenSurfaceError):
         require_closed(soup)
-    merged = merge_equal_points(soup)
+    merged, first = merge_of(soup)
     require_closed(merged)
+    np.testing.assert_array_equal(soup.points[first], merged.points)
+    # The first of the equal ones each: no earlier point of the soup is equal to one of them.
+    earliest = [int((soup.points == point).all(axis=1).argmax()) for point in merged.points]
+    np.testing.assert_array_equal(first, earliest)
     assert len(merged.points) == len(sphere.points)
     assert merged.volume == pytest.approx(sphere.volume, rel=1e-14)
 

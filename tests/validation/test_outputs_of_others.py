@@ -14,6 +14,7 @@ import meshio
 import numpy as np
 import pytest
 from typer.models import OptionInfo
+from verbs import verbs
 
 from palpate.meshes import own_files
 from palpate.meshes.bricks import brick_box
@@ -21,7 +22,6 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import read_mesh, write_mesh
 from palpate.meshes.own_files import MARK, add_mark, guard, may_replace, write_own_text
 from palpate.validation.case import load_case
-from palpate.validation.cli import app
 from palpate.validation.output_files import OutputError, require_outputs
 
 Run = Callable[..., CompletedProcess[str]]
@@ -68,10 +68,8 @@ NEW_NAMES = {("touch", "--output"), ("scoreboard", "--cached")}
 
 def options_with_paths() -> set[tuple[str, str]]:
     """Verb and option of every option of the command line that takes a path."""
-    apps = [("", app), *((f"{g.name} ", g.typer_instance) for g in app.registered_groups)]
-    commands = [(before, c) for before, one in apps if one for c in one.registered_commands]
     found = set()
-    for before, command in commands:
+    for verb, command in verbs():
         called: Any = command.callback
         for name, hint in typing.get_type_hints(called, include_extras=True).items():
             kind, *more = typing.get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
@@ -80,7 +78,7 @@ def options_with_paths() -> set[tuple[str, str]]:
                 given = (about[0].default, *(about[0].param_decls or ()))
                 named = [word for word in given if str(word).startswith("--")]
                 option = named[0] if named else f"--{name}"
-                found.add((before + (command.name or called.__name__), option))
+                found.add((verb, option))
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.fastsim.exact_repair.part_changes import ChangedPartError, table
 from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_solid
@@ -40,8 +41,10 @@ from palpate.meshes.tri_surface import (
     SurfaceError,
     TriSurface,
 )
-from palpate.validation.case.body_schema import SHAPES, GeometrySpec
-from palpate.validation.case.units import LENGTH, Units
+from palpate.validation.conversions import LENGTH, Conversions
+
+if TYPE_CHECKING:
+    from palpate.validation.case.body_schema import GeometrySpec
 
 MOST_CELLS = 2_000_000
 # Limits for a box around the body, which may be mostly empty.
@@ -121,7 +124,9 @@ def load_surface(
     notes: list[str] = []
     groups: dict[str, list[int]] = {}
     given: list[Points] = []
-    surface = read_surface(path, scale=scale, tell=notes.append, given=given.append)
+    surface = read_surface(
+        path, scale=scale, tell=notes.append, given=given.append, progress=progress
+    )
     is_as_given = repair is None and wrap is None
     try:
         with advised(path, surface, is_as_given=False):
@@ -252,8 +257,10 @@ def require_countable(extents: Sequence[float], edge_length: float) -> None:
         )
 
 
-def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
+def build_shape(geometry: GeometrySpec, units: Conversions) -> TriSurface:
     """The surface of a built-in shape; the schema has checked that its parameters are there."""
+    from palpate.validation.case.body_schema import SHAPES
+
     assert geometry.shape is not None
     assert geometry.edge_length is not None
     edge = units.metres(geometry.edge_length)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,7 +41,6 @@ from palpate.meshes.problem import Material
 from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import SurfaceError, TriSurface
-from palpate.validation.case.body_schema import GeometrySpec, GradeSpec, MeshSpec
 from palpate.validation.case.geometry import (
     MOST_CELLS,
     LoadedSurface,
@@ -51,8 +51,11 @@ from palpate.validation.case.geometry import (
     load_surface,
     require_countable,
 )
-from palpate.validation.case.schema import CaseSpec
-from palpate.validation.case.units import Units
+
+if TYPE_CHECKING:
+    from palpate.validation.case.body_schema import GeometrySpec, GradeSpec, MeshSpec
+    from palpate.validation.case.schema import CaseSpec
+    from palpate.validation.conversions import Conversions
 
 # The group of what lies in the body and in no inclusion.
 BODY = "body"
@@ -68,6 +71,27 @@ class BuiltMesh:
 
     mesh: TetMesh
     origin: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grade:
+    """Smaller cells towards a point, a ball of a centre and a radius, or the whole boundary [m]."""
+
+    smallest: float
+    growth: float
+    point: tuple[float, float, float] | None = None
+    ball: tuple[tuple[float, float, float], float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What fills a surface, and how finely, in metres; the keys of [mesh] say what each means."""
+
+    mesher: str = "auto"
+    edge_length: float | None = None
+    interior: Interior = Interior.UNIFORM
+    boundary_distance: float | None = None
+    grades: Sequence[Grade] = ()
 
 
 @dataclass(frozen=True)
@@ -110,6 +134,7 @@ def build_mesh(
         InputError: A file that cannot be read, a surface without a solid, or no mesher manages.
     """
     geometry, units = spec.geometry, spec.units
+    plan = _plan_of(spec.mesh, units)
     scale = units.metres(1.0)
     within = {
         f"inclusion {k}": one.surface
@@ -124,7 +149,7 @@ def build_mesh(
             )
         path = inside_folder(folder, geometry.mesh)
         read = BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
-        return _graded(read, spec.mesh.grade, units)
+        return _graded(read, plan.grades)
     if geometry.surface is not None:
         path = inside_folder(folder, geometry.surface)
         wrap = None if geometry.wrap is None else units.metres(geometry.wrap)
@@ -136,12 +161,32 @@ def build_mesh(
         name: load_surface(inside_folder(folder, surface), scale=scale)
         for name, surface in within.items()
     }
-    built = fill_loaded(loaded, spec.mesh, units, others, Filling(progress))
+    built = fill_loaded(loaded, plan, others, Filling(progress))
     notes = [note for one in (loaded, *others.values()) for note in one.notes]
     return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
 
 
-def _repair_choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
+def _plan_of(spec: MeshSpec, units: Conversions) -> Plan:
+    def grade(one: GradeSpec) -> Grade:
+        ball, point = one.ball, one.point
+        return Grade(
+            smallest=units.metres(one.smallest),
+            growth=one.growth,
+            point=None if point is None else units.lengths(point),
+            ball=None if ball is None else (units.lengths(ball.center), units.metres(ball.radius)),
+        )
+
+    edge, distance = spec.edge_length, spec.boundary_distance
+    return Plan(
+        mesher=spec.mesher,
+        edge_length=None if edge is None else units.metres(edge),
+        interior=Interior(spec.interior),
+        boundary_distance=None if distance is None else units.metres(distance),
+        grades=[grade(one) for one in spec.grade],
+    )
+
+
+def _repair_choices(geometry: GeometrySpec, units: Conversions) -> RepairChoices | None:
     if not geometry.repair:
         return None
     given = geometry.repair_distance
@@ -155,8 +200,7 @@ def _repair_choices(geometry: GeometrySpec, units: Units) -> RepairChoices | Non
 
 def fill_loaded(
     loaded: LoadedSurface,
-    spec: MeshSpec,
-    units: Units,
+    plan: Plan,
     inclusions: Mapping[str, LoadedSurface] | None = None,
     how: Filling | None = None,
 ) -> BuiltMesh:
@@ -173,16 +217,15 @@ def fill_loaded(
             wrong with a file is said by its numbers.
     """
     how = how or Filling()
-    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
     # A free boundary has facets of its own.
-    is_as_given = loaded.is_as_given and spec.boundary_distance is None
+    is_as_given = loaded.is_as_given and plan.boundary_distance is None
     path = None if inclusions else loaded.path
     try:
         with advised(path, loaded.surface, is_as_given=is_as_given):
             if inclusions:
-                built = _fill_bodies({BODY: loaded, **inclusions}, spec, size, how)
+                built = _fill_bodies({BODY: loaded, **inclusions}, plan, how)
             else:
-                built = _fill(loaded.surface, spec, units, size, how)
+                built = _fill(loaded.surface, plan, how)
     except TimeLimitError as error:
         # The error has the time that was left; the user knows the limit of all.
         raise TimeLimitError(how.time_limit or error.time_limit, error.stage) from error
@@ -194,17 +237,16 @@ def fill_loaded(
     return BuiltMesh(mesh, built.origin)
 
 
-def _fill_bodies(
-    bodies: Mapping[str, LoadedSurface], spec: MeshSpec, size: float | None, how: Filling
-) -> BuiltMesh:
+def _fill_bodies(bodies: Mapping[str, LoadedSurface], plan: Plan, how: Filling) -> BuiltMesh:
     """A body and the surfaces in it, the body first, with all their facets."""
-    if spec.boundary_distance is not None or spec.grade or spec.mesher == "gmsh":
+    if plan.boundary_distance is not None or plan.grades or plan.mesher == "gmsh":
         raise InputError(
             "surfaces of inclusions stay as they are, by fastsim's mesher: a free boundary, "
             "grades and gmsh do not go with them"
         )
     if how.target is not None:
         raise InputError("a target for the time step does not go with inclusions")
+    size = plan.edge_length
     if size is not None:
         require_countable(np.ptp(bodies[BODY].surface.points, axis=0).tolist(), size)
 
@@ -212,7 +254,7 @@ def _fill_bodies(
         return mesh_surface(
             region,
             edge_length=size,
-            interior=Interior(spec.interior),
+            interior=plan.interior,
             time_limit=how.time_left(),
             progress=how.progress,
             report=report,
@@ -227,21 +269,19 @@ def _fill_bodies(
     return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells, {cells}")
 
 
-def _fill(
-    surface: TriSurface, spec: MeshSpec, units: Units, size: float | None, how: Filling
-) -> BuiltMesh:
+def _fill(surface: TriSurface, plan: Plan, how: Filling) -> BuiltMesh:
+    size, distance = plan.edge_length, plan.boundary_distance
     if size is not None:
         require_countable(np.ptp(surface.points, axis=0).tolist(), size)
     done = []
-    if spec.boundary_distance is not None:
-        distance = units.metres(spec.boundary_distance)
-        if spec.grade and spec.mesher != "gmsh":
+    if distance is not None:
+        if plan.grades and plan.mesher != "gmsh":
             # Facets and cells as small as the grades ask, made at once.
             reports: list[MeshingReport] = []
             mesh = mesh_surface(
                 surface,
                 edge_length=size,
-                size_field=_size_field(surface, spec.grade, units),
+                size_field=_size_field(surface, plan.grades),
                 boundary=Boundary.FREE,
                 boundary_distance=distance,
                 time_limit=how.time_left(),
@@ -255,44 +295,41 @@ def _fill(
         )
         done.append(report.line())
         # That was the surface's length; a graded interior grows from there.
-        size = None if spec.interior == "graded" else size
-    built = _fill_given(surface, spec, size, how)
+        size = None if plan.interior is Interior.GRADED else size
+    built = _fill_given(surface, plan, size, how)
     built = BuiltMesh(built.mesh, "; ".join([built.origin, *done]))
-    return _graded(built, spec.grade, units)
+    return _graded(built, plan.grades)
 
 
-def _graded(built: BuiltMesh, grades: Sequence[GradeSpec], units: Units) -> BuiltMesh:
+def _graded(built: BuiltMesh, grades: Sequence[Grade]) -> BuiltMesh:
     """The mesh bisected until it is as fine as every grade asks."""
     if not grades:
         return built
     graded = GradedMesh(built.mesh)
-    field = _size_field(built.mesh.surface(), grades, units)
+    field = _size_field(built.mesh.surface(), grades)
     refine_to_size(graded, field, max_cells=MOST_CELLS)
     mesh = graded.mesh
     return BuiltMesh(mesh, f"{built.origin}; graded to {mesh.num_cells} cells")
 
 
-def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:
+def _size_field(surface: TriSurface, grades: Sequence[Grade]) -> SizeField:
     """The smallest of what the grades ask."""
     fields: list[SizeField] = []
     for one in grades:
         if one.ball is not None:
-            distance = distance_to_ball(
-                units.lengths(one.ball.center), units.metres(one.ball.radius)
-            )
+            distance = distance_to_ball(*one.ball)
         elif one.point is not None:
-            distance = distance_to_points(units.lengths(one.point))
+            distance = distance_to_points(one.point)
         else:
             distance = distance_to_facets(surface)
-        smallest = units.metres(one.smallest)
-        fields.append(grow_with_distance(distance, smallest=smallest, growth=one.growth))
+        fields.append(grow_with_distance(distance, smallest=one.smallest, growth=one.growth))
     return lambda points: np.min([field(points) for field in fields], axis=0)
 
 
-def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Filling) -> BuiltMesh:
+def _fill_given(surface: TriSurface, plan: Plan, size: float | None, how: Filling) -> BuiltMesh:
     """Fill by the mesher asked for, or by fastsim's first and gmsh's otherwise."""
     refusal = ""
-    if spec.mesher in ("auto", "fastsim"):
+    if plan.mesher in ("auto", "fastsim"):
         try:
             done: list[MeshingReport] = []
 
@@ -300,7 +337,7 @@ def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Fi
                 return mesh_surface(
                     surface,
                     edge_length=size,
-                    interior=Interior(spec.interior),
+                    interior=plan.interior,
                     least_altitude=altitude,
                     time_limit=how.time_left(),
                     progress=how.progress,
@@ -313,10 +350,10 @@ def _fill_given(surface: TriSurface, spec: MeshSpec, size: float | None, how: Fi
                 mesh = mesh_to_time_step(*how.target, make, how.progress)
             return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells{_said(done[-1])}")
         except MeshingError as error:
-            if spec.mesher == "fastsim":
+            if plan.mesher == "fastsim":
                 raise
             refusal = str(error)
-    if size is None and spec.interior == "graded":
+    if size is None and plan.interior is Interior.GRADED:
         size = largest_edge(surface)
     try:
         require_no_self_intersection(

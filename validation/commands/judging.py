@@ -44,7 +44,7 @@ from palpate.validation.commands.options import (
     print_lines,
     progress_lines,
 )
-from palpate.validation.quoting import for_terminal
+from palpate.validation.quoting import for_terminal, listed
 from palpate.validation.report import FigureForm
 from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode, Precision
@@ -234,6 +234,10 @@ def gate(
         write_text_atomically(expectation.FILE, expectation.expected_toml(known))
         print(expectation.FILE)
     raise typer.Exit(_exit_code(results, expected=expected))
+
+
+_faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
+gate.__doc__ = f"{gate.__doc__}\n\n{_faults}"
 
 
 def report(

@@ -109,18 +109,17 @@ def mesh(
     import numpy as np
 
     from palpate.fastsim.critical_cells import find_critical_cells
-    from palpate.fastsim.mesher import FlatCellError
+    from palpate.fastsim.mesher import FlatCellError, Interior
     from palpate.meshes.errors import InvertedCellError
     from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.label_images import is_label_image
     from palpate.meshes.problem import Material
     from palpate.meshes.tet_mesh import TetMesh
-    from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, load_surface
-    from palpate.validation.case.meshing import Filling, fill_loaded
-    from palpate.validation.case.units import LENGTH, Units
+    from palpate.validation.case.meshing import Filling, Grade, Plan, fill_loaded
     from palpate.validation.commands.mesh_labels import mesh_label_image
+    from palpate.validation.conversions import LENGTH, PlainUnits
     from palpate.validation.output_files import require_outputs
 
     if is_label_image(surface) or surface == "phantom" or label:
@@ -167,7 +166,7 @@ def mesh(
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option} {value:g}: needs a finite value above 0")
     scale = LENGTH[unit]
-    units = Units.model_validate({"length": unit})
+    units = PlainUnits(length=unit)
     say = progress_lines()
 
     def progress(line: str) -> None:
@@ -197,18 +196,17 @@ def mesh(
         within = {
             name: load_surface(path, scale=scale) for name, path in _inclusions(inclusion or [])
         }
-    spec = MeshSpec.model_validate(
-        {
-            "mesher": mesher.value,
-            # The kidney's surface has that length already, and cells grow inwards from it.
-            "edge_length": size if uniform or surface != "kidney" else None,
-            "interior": "uniform" if uniform else "graded",
-            "boundary": "kept" if free is None else "free",
-            "boundary_distance": free,
-            "grade": []
-            if grade_to is None
-            else [{"point": grade_to, "smallest": smallest, "growth": growth}],
-        }
+    grades = []
+    if grade_to is not None and smallest is not None:
+        grades = [Grade(smallest=smallest * scale, growth=growth, point=units.lengths(grade_to))]
+    # The kidney's surface has that length already, and cells grow inwards from it.
+    inner = size if uniform or surface != "kidney" else None
+    plan = Plan(
+        mesher=mesher.value,
+        edge_length=None if inner is None else inner * scale,
+        interior=Interior.UNIFORM if uniform else Interior.GRADED,
+        boundary_distance=None if free is None else free * scale,
+        grades=grades,
     )
     tissue = Material(*(material or TISSUE))
     how = Filling(
@@ -218,7 +216,7 @@ def mesh(
         target=None if target_step is None else (tissue, target_step),
     )
     with units.in_own_words():
-        built = fill_loaded(loaded, spec, units, within, how)
+        built = fill_loaded(loaded, plan, within, how)
     files = [one.given for one in (loaded, *within.values()) if one.given is not None]
     points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
     mesh = built.mesh

@@ -39,7 +39,7 @@ def mesh_label_image(
     from palpate.meshes.problem import Material
     from palpate.meshes.tet_mesh import TetMesh, signed_volumes
     from palpate.validation.case.label_bodies import mesh_labels
-    from palpate.validation.case.units import Units
+    from palpate.validation.conversions import PlainUnits
     from palpate.validation.exchange.nodal_arrays import facet_areas
     from palpate.validation.output_files import require_outputs
 
@@ -62,7 +62,7 @@ def mesh_label_image(
     inputs = [] if is_phantom else [image]
     require_outputs({"--output": output}, inputs=inputs, force=force)
     read = make_phantom() if is_phantom else read_labels(image)
-    say, units = progress_lines(), Units.model_validate({"length": "mm"})
+    say, units = progress_lines(), PlainUnits(length="mm")
     say(f"{image}: {read.line()}")
 
     def time_left() -> float | None:

@@ -61,13 +61,6 @@ def complete_case(incomplete: str) -> list[str]:
     return [name for name in builtin_cases() if name.startswith(incomplete)]
 
 
-def listed(title: str, lines: Iterable[tuple[str, str]]) -> str:
-    """A list for --help, in which each entry stays on its own line."""
-    rows = [(name, about) for name, about in lines]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join([f"\b\n{title}", *(f"  {name:{width}}  {about}" for name, about in rows)])
-
-
 OneCase = Annotated[
     str, typer.Argument(help="built-in name, or path to a .toml file", autocompletion=complete_case)
 ]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from palpate.validation.case import Case
     from palpate.validation.references.reference_set import ReferenceSet
 
-app = typer.Typer(help="Stored references.", no_args_is_help=True)
+app = typer.Typer(help="Stored references.", no_args_is_help=True, add_completion=False)
 
 Cases = Annotated[
     list[str] | None,

@@ -28,6 +28,7 @@ from palpate.validation.commands.options import (
     print_lines,
     progress_lines,
 )
+from palpate.validation.quoting import listed
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements
 from palpate.validation.studies import STUDIES
@@ -58,6 +59,9 @@ def study(
         code = run_study(name, fresh, progress, Console(highlight=False))
     print(f"{output / 'report.html'}")
     raise typer.Exit(code)
+
+
+study.__doc__ = f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}"
 
 
 def sweep(

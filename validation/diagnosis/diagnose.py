@@ -16,6 +16,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.validation.conversions import LENGTH
 from palpate.validation.diagnosis.explanation import (
     CONVERGED,
     DOUBLE,
@@ -56,7 +57,6 @@ from palpate.validation.diagnosis.static_hypotheses import (
     tool_hypotheses,
     turned_loads,
 )
-from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN
 from palpate.validation.states import CandidateFailedError, State

@@ -27,12 +27,9 @@ from palpate.meshes.untrusted import (
     read_npz,
     read_text,
 )
+from palpate.validation.conversions import LENGTH
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.states import State
-
-# Metres in each.
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-
 
 RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
 # A mesh of a million points with its five million tetrahedra and its displacement.

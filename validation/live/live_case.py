@@ -24,7 +24,7 @@ from palpate.validation.case import Case
 from palpate.validation.case.load import CaseError, explain
 from palpate.validation.case.loading_schema import ToolSpec
 from palpate.validation.case.schema import CaseSpec
-from palpate.validation.exchange.result_files import LENGTH
+from palpate.validation.conversions import LENGTH
 from palpate.validation.live.pointer import Clock
 
 # The approximate length of a tick [s]: two make a frame.

@@ -153,6 +153,17 @@ class _tetgen:
             return np.hstack([middle, self.facets])
 """
 
+# A pytetwild that does the same, with facets moved by what it was allowed.
+TETWILD = """
+import numpy as np
+__version__ = "0.0, of the other environment"
+def tetrahedralize(points, facets, edge_length_abs, epsilon, num_threads, vtk_ordering):
+    assert num_threads == 1 and vtk_ordering and 0.4 < edge_length_abs < 0.7
+    points = np.vstack([(1.0 - epsilon) * points, points.mean(axis=0)])
+    middle = np.full((len(facets), 1), len(points) - 1)
+    return points, np.hstack([middle, facets])
+"""
+
 
 @pytest.fixture
 def other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -161,6 +172,7 @@ def other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         pytest.skip("tetgen is installed here, so no other environment is asked for it")
     (tmp_path / "packages").mkdir()
     (tmp_path / "packages" / "tetgen.py").write_text(TETGEN, encoding="utf-8")
+    (tmp_path / "packages" / "pytetwild.py").write_text(TETWILD, encoding="utf-8")
     program = tmp_path / "python"
     program.write_text(
         f'#!/bin/sh\nPYTHONPATH="$PYTHONPATH:{tmp_path / "packages"}" exec {sys.executable} "$@"\n',
@@ -201,6 +213,21 @@ def test_a_rival_of_another_environment_is_timed(monkeypatch: pytest.MonkeyPatch
         assert (row["tool"], row["version"]) == (name, "9.9, of the other environment")
         assert row["cells"] == cells
     assert row["boundary_kept"]
+
+
+@pytest.mark.usefixtures("other")
+def test_ftetwild_is_timed_and_does_not_keep_facets(monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = shape_sphere(edge_length=0.4)
+    monkeypatch.setattr(mesh, "make_surface", lambda _kind, _size: ball)
+    tools = tuple(tool for tool in mesh.TOOLS if tool.adapter == "ftetwild_meshes")
+    said: list[str] = []
+    found = time_all(dataclasses.replace(mesh.BENCHMARK, tools=tools), (2_000,), said.append)
+    (row,) = found or (said,)
+    assert (row["tool"], row["version"]) == ("fTetWild eps 1e-3", "0.0, of the other environment")
+    assert row["cells"] == ball.num_facets
+    assert not row["boundary_kept"]
+    # Each length is shorter by epsilon, 1e-3, so the volume by 1 - 0.999^3, to rounding.
+    assert row["relative_volume_error"] == pytest.approx(1.0 - 0.999**3, rel=1e-9)
 
 
 def test_a_tool_that_runs_everywhere_is_timed_once_for_each_version(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.fastsim.mesher import mesh_surface
-from palpate.fastsim.percent import Percent
+from palpate.meshes.percent import Percent
 from palpate.meshes.shapes import shape_sphere
 
 
