@@ -94,12 +94,23 @@ def scratch_folder(purpose: str) -> Iterator[Path]:
     parent = Path(tempfile.gettempdir())
     sweep_scratch(parent)
     folder = parent / f"palpate-{purpose}-{own_mark()}"
-    folder.mkdir(mode=0o700)
-    try:
+    with removed_after(folder, _remove_tree):
+        folder.mkdir(mode=0o700)
         with locked(folder):
             yield folder
+
+
+@contextmanager
+def removed_after(path: Path, remove: Callable[[Path], None]) -> Iterator[None]:
+    """Remove a temporary at the end of the block, also where a signal interrupts the removing."""
+    try:
+        yield
     finally:
-        _remove_tree(folder)
+        try:
+            remove(path)
+        except BaseException:
+            remove(path)  # a second signal is ignored
+            raise
 
 
 @functools.cache

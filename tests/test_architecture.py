@@ -271,7 +271,7 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        54090,
+        54130,
         "issue 37: commands loaded one by one, fTetWild, the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
@@ -289,7 +289,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        66200,
+        66330,
         "issue 39: truths of what is judged; "
         "issue 37: the cells that decide the time step; text at once as word by word; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "
@@ -344,7 +344,7 @@ LINES = {
     "validation/documentation": (1000, "issue 33: formulas are set by conf.py"),
     "validation/examples": (230, "as of 24 November 2026"),
     "validation/exchange": (1520, "issue 38: since when a motion holds NaN, states to its end"),
-    "validation/importing": (3050, "issue 34: what is not understood is refused, one routine"),
+    "validation/importing": (3080, "issue 34: what is not understood is refused, one routine"),
     "validation/judging": (
         4750,
         "issue 35: small cells near tools, by the stored truth; bars of the candidate alone; "

@@ -23,7 +23,7 @@ from typing import TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.fingerprint import file_hash
-from palpate.meshes.temporaries import keep, locked, own_mark, sweep
+from palpate.meshes.temporaries import keep, locked, own_mark, removed_after, sweep
 from palpate.validation.output_files import OutputError, require_folder
 from palpate.validation.versions import version_of
 
@@ -60,32 +60,33 @@ def run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterat
         fresh.mkdir()
     except OSError as error:
         raise OutputError(path, f"cannot be written ({error.strerror or error})") from error
-    try:
-        with locked(fresh):
-            try:
-                yield fresh
-                _write_marker(fresh)
-            except OSError as error:
-                raise OutputError(
-                    path,
-                    f"could not be written ({error.strerror or error}); "
-                    "what was there before is unchanged",
-                ) from error
-            try:
-                require_run_folder(path, inputs=given)
-                keep(fresh)  # after the swap it is the old run
-                _swap_in(fresh, target)
-            except (InputError, OSError) as error:
-                beside = _free_name(target)
-                fresh.rename(beside)
-                raise OutputError(
-                    path,
-                    f"could not be replaced when the run was done, so it is in {beside} ({error})",
-                ) from error
-    finally:
+
+    def tidy_up(left: Path) -> None:
         # After a swap this is the old run; after a failure the unfinished new one.
         with contextlib.suppress(OSError, InputError):
-            _remove(fresh, target)
+            _remove(left, target)
+
+    with removed_after(fresh, tidy_up), locked(fresh):
+        try:
+            yield fresh
+            _write_marker(fresh)
+        except OSError as error:
+            raise OutputError(
+                path,
+                f"could not be written ({error.strerror or error}); "
+                "what was there before is unchanged",
+            ) from error
+        try:
+            require_run_folder(path, inputs=given)
+            keep(fresh)  # after the swap it is the old run
+            _swap_in(fresh, target)
+        except (InputError, OSError) as error:
+            beside = _free_name(target)
+            fresh.rename(beside)
+            raise OutputError(
+                path,
+                f"could not be replaced when the run was done, so it is in {beside} ({error})",
+            ) from error
 
 
 def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -47,6 +48,30 @@ def test_a_scratch_folder_is_private_and_gone_afterwards(parent: Path) -> None:
         (folder / "deep").mkdir()
         (folder / "deep" / "file").write_text("x")
         (folder / "deep").chmod(0)  # a simulator may do such things
+    assert list(parent.iterdir()) == []
+
+
+def test_a_scratch_folder_is_gone_where_a_signal_interrupts_the_removing(
+    parent: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = shutil.rmtree
+    asked: list[Path] = []
+
+    def interrupted(folder: Path, **options: bool) -> None:
+        asked.append(folder)
+        if len(asked) == 1:
+            (folder / "one").unlink()
+            raise KeyboardInterrupt
+        whole(folder, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    scratch = scratch_folder("gmsh")
+    folder = scratch.__enter__()
+    for name in ("one", "two"):
+        (folder / name).write_text(name, encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        scratch.__exit__(None, None, None)
+    assert asked == [folder, folder]
     assert list(parent.iterdir()) == []
 
 

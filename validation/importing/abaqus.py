@@ -389,6 +389,7 @@ class _Loads:
         if axis not in (0, 1, 2):
             raise source.refuse(f"*CLOAD: degree of freedom {axis + 1}; solids have 1, 2 and 3")
         value = factor * number(fields[2], source, "*CLOAD")
+        self.mesh.require_once("NSET", fields[0], source)
         self.model.pushed_at = self.model.pushed_at or source
         for node in self.mesh.nodes_of(fields[0], source):
             row = self.mesh.row_of[node]
@@ -420,6 +421,7 @@ class _Loads:
         part = self.mesh.cells_of(fields[0], source) if fields[0].strip() else self.mesh.cells
         if len(set(part)) < len(self.mesh.cells):
             raise source.refuse("*DLOAD: weight of a part; a case weighs the whole body")
+        self.mesh.require_once("ELSET", fields[0], source)
         if kind == "GRAV":
             model.acceleration = added(model.acceleration, _gravity(fields, source, value))
         else:

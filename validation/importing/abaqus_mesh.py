@@ -217,6 +217,8 @@ class AbaqusMesh:
         self._num_named = 0
         # Sets that others were made of, and the part's name in its assembly.
         self._taken: set[tuple[str, str]] = set()
+        # A node or element that a set names twice, by keyword and set.
+        self._repeated: dict[tuple[str, str], int] = {}
         self.instance = next((c.label("NAME") for c in cards if c.keyword == "INSTANCE"), "")
         readers = {
             "NODE": self._node,
@@ -317,17 +319,26 @@ class AbaqusMesh:
         card.mark(DATA)
         is_range = card.get("GENERATE") is not None
         found = dict.fromkeys(sets.get(name, []))
+
+        def add(labels: Sequence[int], source: Source) -> None:
+            twice = next((label for label in self._counted(labels, source) if label in found), None)
+            if twice is not None:
+                self._repeated[card.keyword, name] = twice
+            found.update(dict.fromkeys(labels))
+
         for source, fields in card.lines:
             if is_range:
-                all_of = _generated(source, fields, f"*{card.keyword}", len(known))
-                found.update(dict.fromkeys(self._counted(all_of, source)))
+                add(_generated(source, fields, f"*{card.keyword}", len(known)), source)
                 continue
             for text in fields:
                 if not text:
                     continue
                 labels = self._labels(text, source, f"*{card.keyword}", sets)
-                self._taken.add((card.keyword, name_of(text).removeprefix(f"{self.instance}.")))
-                found.update(dict.fromkeys(self._counted(labels, source)))
+                other = (card.keyword, self._own_name(text))
+                self._taken.add(other)
+                if other in self._repeated:
+                    self._repeated[card.keyword, name] = self._repeated[other]
+                add(labels, source)
         for label in found:
             if label not in known:
                 raise card.refuse(f"*{card.keyword} names {label}, which is not there")
@@ -362,6 +373,7 @@ class AbaqusMesh:
             ImportRefusedError: No face of one of them.
         """
         word, cells = face.strip().upper(), self.cells_of(text, source)
+        self.require_once("ELSET", text, source)
         number = int(word[1]) if len(word) == 2 and word[1] in "123456" else 0
         for cell in cells:
             count = len(self.cells[cell])
@@ -382,6 +394,19 @@ class AbaqusMesh:
         """Numbers of a node or a set of them."""
         labels = self._labels(text, source, "node", self.node_sets, self.nodes)
         return list(self._counted(labels, source))
+
+    def require_once(self, keyword: str, text: str, source: Source) -> None:
+        """Refuse a load on a set, of the card NSET or ELSET, that names one of its own twice."""
+        twice = self._repeated.get((keyword, self._own_name(text)))
+        if twice is not None:
+            what = "node" if keyword == "NSET" else "element"
+            raise source.refuse(
+                f"set {text.strip()[:40]} names {what} {twice} twice, and CalculiX loads it twice, "
+                "Abaqus once; name it once"
+            )
+
+    def _own_name(self, text: str) -> str:
+        return name_of(text).removeprefix(f"{self.instance}.")
 
     def _labels(
         self,

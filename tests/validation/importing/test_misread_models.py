@@ -101,6 +101,25 @@ def test_a_deck_is_not_read_as_something_else(bring, tmp_path, old, new, says):
     assert caught.value.line
 
 
+@pytest.mark.parametrize(
+    ("sets", "load", "says"),
+    [
+        ("*ELSET, ELSET=ALL\n1", "*DLOAD\nALL, BX, 1e-6", "set ALL names element 1 twice"),
+        ("*NSET, NSET=TIP\n8, 8", "*CLOAD\nTIP, 3, 0.02", "set TIP names node 8 twice"),
+        (
+            "*ELSET, ELSET=ONE\n2, 2\n*ELSET, ELSET=TOP\nONE, 4",
+            "*DLOAD\nTOP, P3, 1e-3",
+            "set TOP names element 2 twice",
+        ),
+    ],
+)
+def test_a_load_on_what_a_set_names_twice_is_refused(bring, sets, load, says):
+    """CalculiX loads it twice: measured, for volumes, faces and nodes."""
+    text = deck(CLOAD, load).replace(AMPLITUDE, f"{AMPLITUDE}\n{sets}")
+    with pytest.raises(ImportRefusedError, match=says):
+        bring(text, ".inp")
+
+
 def test_a_step_of_two_seconds_ends_there(bring):
     """An amplitude of 1 at its end."""
     plain, _ = bring(deck(AMPLITUDE, AMPLITUDE), ".inp")
