@@ -92,6 +92,24 @@ tests_in() { # tests_in VENV ARGS...
     "$venv/bin/python" -m pytest -q --durations=10 "$@"
 }
 
+install_browser() { # Debian's Chromium with its driver, and Firefox on a screen in memory
+    command -v chromium >/dev/null && command -v chromedriver >/dev/null &&
+        command -v firefox-esr >/dev/null && command -v Xvfb >/dev/null && return 0
+    local root=""
+    [ "$(id -u)" = 0 ] || root="sudo -n"
+    $root apt-get update >/dev/null &&
+        DEBIAN_FRONTEND=noninteractive $root apt-get install -y --no-install-recommends \
+            chromium chromium-driver firefox-esr xvfb libgl1-mesa-dri libegl1 >/dev/null
+}
+# A fresh machine becomes a working one by the same command that users type. What the documentation
+# and the browser's tests want comes with it: later, tests run beside.
+set_up() {
+    make setup && install_browser && .venv/bin/python -m pip install -q \
+        --disable-pip-version-check -c .venv/constraints.txt --group docs --group browser || return
+    echo "FEniCSx here: $(cat .venv/.palpate-fenicsx)"
+    [ "$(cat .venv/.palpate-fenicsx)" != none ] # without it every test of the reference is skipped
+}
+
 marked() { # processes that this run has started, and that still live
     local file all=(/proc/[0-9]*/environ) # before grep, which carries the mark too
     grep -lzF "PALPATE_CI_RUN=$PALPATE_CI_RUN" "${all[@]}" 2>/dev/null | while read -r file; do

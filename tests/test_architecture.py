@@ -271,7 +271,7 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        54130,
+        54140,
         "issue 37: commands loaded one by one, fTetWild, the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
@@ -289,7 +289,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        66330,
+        66350,
         "issue 39: truths of what is judged; "
         "issue 37: the cells that decide the time step; text at once as word by word; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "

@@ -243,6 +243,32 @@ def refused(path, *options):
     return str(done.exception) if isinstance(done.exception, InputError) else done.output
 
 
+def test_a_distance_is_suggested_that_lengthens_a_step_which_one_facet_decides(tmp_path):
+    """As typed; without the thin facet nothing is suggested."""
+    ball = shape_sphere(30.0, edge_length=8.0)
+
+    def run(points, facets, *options):
+        path = tmp_path / "ball.off"
+        write_surface(path, TriSurface(points, facets))
+        done = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), *options])
+        assert done.exit_code == 0, done.output
+        step = re.search(r"critical time step (\S+) mm / c", done.output)
+        distance = re.search(r"times shorter than .* --free (\S+) may", done.output)
+        return float(step[1]), distance and distance[1]
+
+    assert run(ball.points, ball.facets)[1] is None
+    # A point in a facet, near one of its edges.
+    a, b, c = ball.facets[5]
+    point = np.array([[0.498, 0.498, 0.004]]) @ ball.points[[a, b, c]]
+    new = len(ball.points)
+    facets = np.vstack([np.delete(ball.facets, 5, axis=0), [[a, b, new], [b, c, new], [c, a, new]]])
+    points = np.vstack([ball.points, point])
+    short, distance = run(points, facets.astype(np.int32))
+    longer, again = run(points, facets.astype(np.int32), "--free", distance)
+    assert longer > 10.0 * short
+    assert again is None
+
+
 def with_fin(body, row, count):
     a, b, _ = body.facets[row]
     tip = 1.3 * body.points[a] + 0.1 * body.points[b]

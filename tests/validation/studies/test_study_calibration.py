@@ -94,7 +94,8 @@ def test_the_store_is_what_the_recipe_makes(names, tmp_path) -> None:
 @pytest.mark.parametrize("name", ["index.json", "layer-02.answer.npz", "sha256", None])
 def test_a_store_that_has_changed_is_refused(tmp_path, name) -> None:
     with tarfile.open(STORE) as tar:
-        tar.extractall(tmp_path / "in")  # palpate's own file
+        tar.extraction_filter = lambda member, _: member  # palpate's own file
+        tar.extractall(tmp_path / "in")
     file = tmp_path / "in" / (name or "more.npz")
     data = bytearray(file.read_bytes() if name else b"more")
     data[len(data) // 2] ^= 1
