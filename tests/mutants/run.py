@@ -60,7 +60,8 @@ Lines = dict[str, dict[int, set[str]]]
 def make_tree(folder: Path) -> Path:
     """The rooms as `palpate` with a copy of validation that may be spoiled."""
     view = folder / "palpate"
-    shutil.rmtree(folder, ignore_errors=True)
+    for old in (folder, compiled_of(folder)):
+        shutil.rmtree(old, ignore_errors=True)
     view.mkdir(parents=True)
     for room in ("meshes", "reference", "fastsim"):
         (view / room).symlink_to(ROOT / room)
@@ -73,9 +74,22 @@ def make_tree(folder: Path) -> Path:
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """For Python to find that tree, and nothing else of palpate."""
-    asked = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    """For Python to find that tree, and nothing else of palpate; what it compiles is kept apart."""
+    asked = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
+    asked["PYTHONPYCACHEPREFIX"] = str(compiled_of(tree))
     return {**os.environ, **asked}
+
+
+def compiled_of(tree: Path) -> Path:
+    """Where the compiled files of a tree are; those of all sources, by the paths of these."""
+    return tree.with_name(f"{tree.name}-compiled")
+
+
+def forget_compiled(tree: Path, source: Path) -> None:
+    """Let Python compile a source anew: two slips in one second have the same time."""
+    folder = compiled_of(tree) / source.parent.relative_to(source.anchor)
+    for file in folder.glob(f"{source.stem}.*.pyc"):
+        file.unlink(missing_ok=True)
 
 
 def run_once(tree: Path, jobs: int, *, again: bool) -> tuple[Lines, dict[str, float]]:
@@ -167,6 +181,7 @@ def is_noticed(mutant: Mutant, tests: list[str], tree: Path, time_limit: float) 
     target = tree / "palpate" / mutant.path
     whole = target.read_text(encoding="utf-8")
     target.write_text(mutant.source(), encoding="utf-8")
+    forget_compiled(tree, target)
     try:
         done = subprocess.run(
             [sys.executable, *_PYTEST, *tests],
@@ -177,6 +192,7 @@ def is_noticed(mutant: Mutant, tests: list[str], tree: Path, time_limit: float) 
         return True
     finally:
         target.write_text(whole, encoding="utf-8")
+        forget_compiled(tree, target)
     return done.returncode != 0
 
 
