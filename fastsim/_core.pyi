@@ -218,8 +218,8 @@ class SurfaceMesh:
 def mesh_surface(
     points: Floats, facets: Ints, lattice: Lattice, edge_length: float, jitter: float,
     clearance: float, seed: int, grows_inwards: bool, sliver_target: float, sliver_passes: int,
-    least_altitude: float, least_work: int, work_per_cell: float, sizes: SizeGrid, seconds: float,
-    tell: Callable[[str, int, float], None]
+    least_altitude: float, least_work: int, work_per_cell: float, lengthens_step: bool,
+    sizes: SizeGrid, seconds: float, tell: Callable[[str, int, float], None]
 ) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):

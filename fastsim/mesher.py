@@ -192,6 +192,7 @@ def mesh_surface(
     boundary_distance: float | None = None,
     seed: int = 0,
     least_altitude: float = 0.0,
+    lengthens_step: bool = False,
     time_limit: float | None = None,
     progress: Callable[[str], None] | None = None,
     report: Callable[[MeshingReport], None] | None = None,
@@ -216,6 +217,8 @@ def mesh_surface(
         seed: Seed of the jitter; the same seed gives the same mesh.
         least_altitude: Cells with a smaller altitude are improved as slivers are [m]; 0 takes what
             the surface's thinnest facet and mean edge suggest.
+        lengthens_step: Improve the cells that decide the time step at the end, at the price of
+            angles down to 27 degrees. Without it a mesh stays what earlier versions made.
         time_limit: Seconds after which there is an error and no mesh, > 0; None is no limit.
         progress: Called with a line for each stage, and how much there is to do; after two seconds
             also with the part that is done, in per cent.
@@ -307,6 +310,7 @@ def mesh_surface(
             least_altitude,
             _LEAST_WORK if grows_inwards else _UNBOUNDED_WORK,
             _WORK_PER_CELL,
+            lengthens_step,
             sizes,
             time_left("looking at the surface"),
             tell,

@@ -92,8 +92,8 @@ def read_surface(
         scale: Metres per unit of the file (0.001 for millimetres).
         tell: Called with one line of text for each remark: points left out, pairs of points that
             nearly coincide.
-        progress: Called with lines on a text file that takes more than two seconds to read.
         given: Called with the merged points as they are in the file, for `in_file_unit`.
+        progress: Called with lines on a text file that takes more than two seconds to read.
 
     Returns:
         The surface [m], equal points merged.

@@ -271,7 +271,7 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        54140,
+        54150,
         "issue 37: commands loaded one by one, fTetWild, the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
@@ -289,7 +289,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        66350,
+        66370,
         "issue 39: truths of what is judged; "
         "issue 37: the cells that decide the time step; text at once as word by word; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "
@@ -326,7 +326,7 @@ LINES = {
         "issue 38: the first case marks every guess",
     ),
     "validation/commands": (
-        2890,
+        2900,
         "issue 37: the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: reports name what was not judged, and say what to do next; "
@@ -371,7 +371,7 @@ LINES = {
         "issue 38: steps that do not divide the outputs, where a motion leaves",
     ),
     "validation/peers": (
-        7740,
+        7750,
         "issue 40: released versions, three more simulators, XPBD, FEBio, SOFA and Drake; work "
         "against precision of press and strip; contact of others",
     ),

@@ -145,7 +145,7 @@ void bind_mesher(nb::module_ &module) {
         [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
            double clearance, std::uint64_t seed, bool grows_inwards, double sliver_target,
            int sliver_passes, double least_altitude, std::size_t least_work, double work_per_cell,
-           const SizeGrid &sizes, double seconds,
+           bool lengthens_step, const SizeGrid &sizes, double seconds,
            const std::function<void(std::string, std::size_t, double)> &tell) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
@@ -163,12 +163,13 @@ void bind_mesher(nb::module_ &module) {
                                  sliver_target,
                                  sliver_passes,
                                  least_altitude,
-                                 {least_work, work_per_cell}},
+                                 {least_work, work_per_cell},
+                                 lengthens_step},
                                 sizes, watch);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),
         nb::arg("grows_inwards"), nb::arg("sliver_target"), nb::arg("sliver_passes"),
         nb::arg("least_altitude"), nb::arg("least_work"), nb::arg("work_per_cell"),
-        nb::arg("sizes"), nb::arg("seconds"), nb::arg("tell"));
+        nb::arg("lengthens_step"), nb::arg("sizes"), nb::arg("seconds"), nb::arg("tell"));
 }

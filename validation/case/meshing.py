@@ -99,13 +99,15 @@ class Filling:
     """Settings that are not of the case: progress, time limit [s], and the wanted time step.
 
     The time began to count at `began`, by the monotonic clock [s]; `target` is a material, and the
-    time step that explicit runs want [s], for fastsim's mesher only.
+    time step that explicit runs want [s], for fastsim's mesher only, as is `lengthens_step`: a
+    case's own mesh stays what it was, for its stored references.
     """
 
     progress: Callable[[str], None] | None = None
     time_limit: float | None = None
     began: float = 0.0
     target: tuple[Material, float] | None = None
+    lengthens_step: bool = False
 
     def time_left(self) -> float | None:
         """Seconds; None is no limit. Raises TimeLimitError where none are left."""
@@ -339,6 +341,7 @@ def _fill_given(surface: TriSurface, plan: Plan, size: float | None, how: Fillin
                     edge_length=size,
                     interior=plan.interior,
                     least_altitude=altitude,
+                    lengthens_step=how.lengthens_step,
                     time_limit=how.time_left(),
                     progress=how.progress,
                     report=done.append,

@@ -219,6 +219,7 @@ def mesh(
         progress=progress,
         time_limit=time_limit,
         began=began,
+        lengthens_step=True,
         target=None if target_step is None else (tissue, target_step),
     )
     with units.in_own_words():

@@ -177,12 +177,13 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
         result.slivers =
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
-        result.slivers.left =
-            lengthen_time_step(inside, num_fixed,
-                               settings.least_altitude > 0.0 ? least_sine_for_altitude
-                                                             : least_sine_for_step,
-                               watch)
-                .slivers;
+        if (settings.lengthens_step)
+            result.slivers.left =
+                lengthen_time_step(inside, num_fixed,
+                                   settings.least_altitude > 0.0 ? least_sine_for_altitude
+                                                                 : least_sine_for_step,
+                                   watch)
+                    .slivers;
     }
     collect(inside, num_fixed, result);
     return result;

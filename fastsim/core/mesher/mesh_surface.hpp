@@ -15,6 +15,7 @@ struct MeshSettings {
     int sliver_passes;     // 0 leaves the slivers
     double least_altitude; // cells below it are improved, too; 0 takes what the surface suggests
     SliverBudget sliver_budget;
+    bool lengthens_step; // the cells that decide the time step are improved at the end
 };
 
 struct SurfaceMesh {

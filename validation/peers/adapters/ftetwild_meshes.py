@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -22,12 +24,14 @@ class Mesh:
 
     def advance(self, _num_steps: int) -> None:
         """Mesh from the surface in memory to the cells there."""
-        points, cells = tetrahedralize(
-            self._points,
-            self._facets,
-            edge_length_abs=self._edge_length,
-            epsilon=self._epsilon,
-            num_threads=1,
-            vtk_ordering=True,  # its own turns cells the other way round
-        )
+        # It writes a file, __tracked_surface.stl, where it is.
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            points, cells = tetrahedralize(
+                self._points,
+                self._facets,
+                edge_length_abs=self._edge_length,
+                epsilon=self._epsilon,
+                num_threads=1,
+                vtk_ordering=True,  # its own turns cells the other way round
+            )
         self.result = {"points": points, "cells": cells}

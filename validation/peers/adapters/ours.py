@@ -226,5 +226,7 @@ class Mesh(_Ours):
         """Mesh from the surface to the finished mesh, clean-up included."""
         corners = self._surface.points[self._surface.facets]
         mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
-        mesh = mesh_surface(self._surface, edge_length=_EDGES_INSIDE * mean_edge)
+        mesh = mesh_surface(
+            self._surface, edge_length=_EDGES_INSIDE * mean_edge, lengthens_step=True
+        )
         self.result = {"points": mesh.points, "cells": mesh.cells}
