@@ -301,10 +301,8 @@ def _volume(points: Points, facets: Indices) -> float:
 
 def compact_facets(surface: TriSurface) -> tuple[Integers, Indices]:
     """Points that facets use, ascending, and the facets numbered by them, shape (num_facets, 3)."""
-    is_used = np.zeros(len(surface.points), dtype=bool)
-    is_used[surface.facets] = True
-    used = np.flatnonzero(is_used)
-    if len(used) == len(is_used):
+    used = surface.used_points
+    if len(used) == len(surface.points):
         return used, surface.facets
     renumber = np.full(len(surface.points), -1, dtype=np.int32)
     renumber[used] = np.arange(len(used), dtype=np.int32)

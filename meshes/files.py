@@ -174,9 +174,7 @@ def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
 def _tell_about_points(
     surface: TriSurface, merged: TriSurface, tell: Callable[[str], None]
 ) -> None:
-    is_used = np.zeros(len(surface.points), dtype=bool)
-    is_used[surface.facets] = True
-    unused = int((~is_used).sum())
+    unused = len(surface.points) - len(surface.used_points)
     if unused:
         tell(f"{unused} point(s) without a facet left out")
     pairs = find_near_duplicates(merged.points)

@@ -32,7 +32,6 @@ from palpate.meshes.triangles import (
 # A fin has at most this fraction of the area: a larger sheet may be intended.
 LARGEST_FIN = 0.1
 
-
 # Shells of surfaces that were looked at: who reads one asks, and who meshes it asks again.
 _CLOSED: WeakKeyDictionary[TriSurface, tuple[Shell, ...]] = WeakKeyDictionary()
 
@@ -162,12 +161,10 @@ def merge_equal_points(surface: TriSurface) -> TriSurface:
 
 def merge_of(surface: TriSurface) -> tuple[TriSurface, Integers]:
     """`merge_equal_points`, and which point of the surface each merged one is, the first."""
-    is_used = np.zeros(len(surface.points), dtype=bool)
-    is_used[surface.facets] = True
-    used = np.flatnonzero(is_used)
+    used = surface.used_points
     points = surface.points[used] + 0.0  # -0.0 and 0.0 are equal
     first, same = equal_points(points)
-    number = np.zeros(len(is_used), dtype=np.int32)
+    number = np.zeros(len(surface.points), dtype=np.int32)
     number[used] = same
     return TriSurface(points[first], number[surface.facets]), used[first]
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
+from palpate.meshes.arrays import Indices, Integers, Points, checked_indices, checked_points
 from palpate.meshes.errors import MeshError, first_of
 from palpate.meshes.triangles import connected_parts, facet_normals
 
@@ -41,6 +41,11 @@ class TriSurface:
 
     def __repr__(self) -> str:
         return f"<TriSurface of {len(self.points)} points and {len(self.facets)} facets>"
+
+    @property
+    def used_points(self) -> Integers:
+        """Numbers of the points that facets use, ascending."""
+        return np.flatnonzero(np.bincount(self.facets.ravel(), minlength=len(self.points)))
 
     @property
     def num_facets(self) -> int:

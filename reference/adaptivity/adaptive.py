@@ -129,6 +129,10 @@ class History:
         is_slow = any(b < LEAST_GROWTH * a for a, b in itertools.pairwise(cells))
         return LEAST_PART if is_slow else 0.0
 
+    def mark(self, errors: Floats) -> NDArray[np.bool_]:
+        """Cells to be cut: the bulk of the error, and at least `least_part` of all cells."""
+        return mark_bulk(errors, BULK, least=int(self.least_part * len(errors)))
+
     def next_cells(self, budget: Budget) -> tuple[float, float]:
         """Fewest and most cells of the next mesh, with which there are enough meshes for a rate."""
         last, left = self.meshes[-1], _MESHES_OF_A_RATE - len(self.meshes)
@@ -331,7 +335,7 @@ def solve_adaptively(
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end, first)
             rest = _left_to_cut(last, wrong, SOFTENED[tries])
-            marked = mark_bulk(rest, BULK, least=int(history.least_part * len(rest)))
+            marked = history.mark(rest)
             refined = refine_cells(last.problem, marked)
             current = refined.problem
             continue
@@ -349,7 +353,7 @@ def solve_adaptively(
         if not end:
             wrong = _together(errors, history.needs())
             rest = _left_to_cut(last, wrong, SOFTENED[tries])
-            marked = mark_bulk(rest, BULK, least=int(history.least_part * len(rest)))
+            marked = history.mark(rest)
             between = history.next_cells(allowed) if judged else (0.0, math.inf)
             refined = _refined(current, marked, rest, *between)
             end = (

@@ -74,7 +74,7 @@ def make_tree(folder: Path) -> Path:
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """For Python to find that tree, and nothing else of palpate; what it compiles is kept apart."""
+    """For Python to find that tree and no other palpate; what it compiles is stored apart."""
     asked = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
     asked["PYTHONPYCACHEPREFIX"] = str(compiled_of(tree))
     return {**os.environ, **asked}

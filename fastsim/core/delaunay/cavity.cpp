@@ -1,6 +1,8 @@
 // One insertion: the cells in conflict with a point are dug out and the hole is filled from it.
 #include "delaunay/triangulation.hpp"
 
+#include "predicates/vector_algebra.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -18,10 +20,6 @@ constexpr double half_ulp = std::numeric_limits<double>::epsilon() / 2.0; // 2^-
 // Squares of roundings are in the reserve.
 constexpr double normal_bound = 1000.0 * half_ulp;
 constexpr double lift_bound = 300.0 * half_ulp;
-
-Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 
 // The search waits for memory more than for anything else.
 inline void prefetch([[maybe_unused]] const void *address) {

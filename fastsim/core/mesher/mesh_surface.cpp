@@ -178,12 +178,10 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
                            settings.least_altitude, settings.sliver_budget, watch);
         if (settings.lengthens_step)
-            result.slivers.left =
-                lengthen_time_step(inside, num_fixed,
-                                   settings.least_altitude > 0.0 ? least_sine_for_altitude
-                                                                 : least_sine_for_step,
-                                   watch)
-                    .slivers;
+            result.slivers.left = lengthen_time_step(
+                inside, num_fixed,
+                settings.least_altitude > 0.0 ? least_sine_for_altitude : least_sine_for_step,
+                watch);
     }
     collect(inside, num_fixed, result);
     return result;

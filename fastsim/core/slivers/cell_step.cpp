@@ -1,18 +1,10 @@
 #include "slivers/cell_step.hpp"
 
+#include "predicates/vector_algebra.hpp"
+
 #include <cmath>
 
 namespace fastsim {
-
-namespace {
-
-Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-} // namespace
 
 double cell_step(const Point &p, const Point &q, const Point &r, const Point &s) {
     const Point u = minus(q, p), v = minus(r, p), w = minus(s, p);

@@ -63,7 +63,7 @@ class TimeStep {
     TimeStep(const TimeStep &) = delete;
     TimeStep &operator=(const TimeStep &) = delete;
 
-    void run(TimeStepReport &report, Watch &watch) {
+    void run(Watch &watch) {
         double reached = 0.0;
         int vain = 0;
         for (int pass = 0; pass < most_passes && vain < most_vain_passes; ++pass) {
@@ -71,7 +71,7 @@ class TimeStep {
             const double shortest = *std::min_element(_steps.begin(), _steps.end());
             vain = shortest > (1.0 + least_progress) * reached ? 0 : vain + 1;
             reached = std::max(reached, shortest);
-            if (shortest >= _bound || !work_below(std::min(_bound, band * shortest), report))
+            if (shortest >= _bound || !work_below(std::min(_bound, band * shortest)))
                 break;
         }
     }
@@ -107,7 +107,7 @@ class TimeStep {
     }
 
     /// Works on all cells of a shorter step, the worst first; false when nothing was changed.
-    bool work_below(double limit, TimeStepReport &report) {
+    bool work_below(double limit) {
         _limit = limit;
         _bad = {};
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
@@ -120,7 +120,7 @@ class TimeStep {
             if (step_of(c) != step || !has_news(c))
                 continue;
             ++_work;
-            if (improve(c, report))
+            if (improve(c))
                 has_changed = true;
             else
                 _tried[TetComplex::at(c)] = _turn;
@@ -135,22 +135,16 @@ class TimeStep {
         return false;
     }
 
-    bool improve(Index c, TimeStepReport &report) {
+    bool improve(Index c) {
         const Cell corners = _complex.cell(c);
         for (const Index v : corners)
-            if (v >= _num_fixed && move_point(v)) {
-                ++report.moves;
+            if (v >= _num_fixed && move_point(v))
                 return true;
-            }
-        if (flip_around(c)) {
-            ++report.flips;
+        if (flip_around(c))
             return true;
-        }
         for (const Index v : corners)
-            if (v >= _num_fixed && remove_point(v)) {
-                ++report.removed_points;
+            if (v >= _num_fixed && remove_point(v))
                 return true;
-            }
         return false;
     }
 
@@ -331,15 +325,13 @@ class TimeStep {
 
 } // namespace
 
-TimeStepReport lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
-                                  Watch &watch) {
-    TimeStepReport report;
-    if (complex.num_slots() > 0) {
-        TimeStep work(complex, num_fixed, least_sine);
-        work.run(report, watch);
-        report.slivers = work.count_slivers();
-    }
-    return report;
+std::size_t lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
+                               Watch &watch) {
+    if (complex.num_slots() == 0)
+        return 0;
+    TimeStep work(complex, num_fixed, least_sine);
+    work.run(watch);
+    return work.count_slivers();
 }
 
 } // namespace fastsim

@@ -5,19 +5,15 @@
 #include "mesher/flips.hpp"
 #include "mesher/watch.hpp"
 
-namespace fastsim {
+#include <cstddef>
 
-struct TimeStepReport {
-    std::size_t flips = 0;
-    std::size_t moves = 0;
-    std::size_t removed_points = 0;
-    std::size_t slivers = 0; // cells left with a dihedral angle below 10 degrees
-};
+namespace fastsim {
 
 /// Lengthens the stable step of the worst cell, up to what the thinnest facet of the boundary
 /// allows. A changed cell keeps the smallest angle that was around it, or `least_sine` where that
-/// is less. Points numbered below `num_fixed` stay.
-TimeStepReport lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
-                                  Watch &watch);
+/// is less. Points numbered below `num_fixed` stay. Returns how many cells are left with a dihedral
+/// angle below 10 degrees.
+std::size_t lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
+                               Watch &watch);
 
 } // namespace fastsim
