@@ -291,7 +291,8 @@ def cause_of_stress(
     factors = np.linalg.lstsq(parts, of.ravel(), rcond=None)[0]
     if _misses(of, (parts @ factors).reshape(of.shape)) >= _FITS:
         return ""
-    if sizes[1] < _APART * sizes[0] or factors[1] <= 0.0 or factors[0] < -_FITS:
+    factors[np.abs(factors) < _FITS] = 0.0  # a part that is left out
+    if sizes[1] < _APART * sizes[0] or factors[1] <= 0.0 or factors[0] < 0.0:
         return ""
     return (
         f"the stress is that of the stated law with lmbda times {factors[0]:.6g} and mu times "

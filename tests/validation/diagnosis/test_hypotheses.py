@@ -29,6 +29,7 @@ from palpate.validation.diagnosis.law_checks import (
 )
 from palpate.validation.diagnosis.law_simulators import deformations, example_material
 from palpate.validation.diagnosis.material_hypotheses import (
+    _material_words,
     lame_factor_words,
     lame_hypotheses,
     lame_of,
@@ -294,6 +295,32 @@ def test_a_stress_of_no_law_is_said_where_it_is_farthest_off() -> None:
     )
 
 
+def test_a_stress_that_is_no_number_is_called_so() -> None:
+    material = example_material(Law.SAINT_VENANT_KIRCHHOFF)
+    F = deformations(material.law)["shear"]
+    P = np.zeros_like(F)
+    P[1, 0, 2] = np.nan
+    message = compare_stress(P, material, "shear", F, 1e-10).message
+    assert message == "the stress is no finite number"
+
+
+def test_moduli_are_called_by_the_one_number_that_is_wrong_or_by_both() -> None:
+    """What a simpler explanation costs less decides between two that fit alike."""
+    asked = example_material(Law.SAINT_VENANT_KIRCHHOFF)
+    E, (lmbda, mu) = asked.youngs_modulus, lame_of(asked)
+
+    def words(lmbda: float, mu: float) -> tuple[str, int]:
+        return _material_words(asked, lmbda, mu, has_forces=True)
+
+    assert words(3.0 * lmbda, mu) == ("Lamé's lmbda 3.000 times what was asked", 2)
+    assert words(lmbda, 1.5 * mu) == ("Lamé's mu 1.500 times what was asked", 2)
+    other = lame_of(replace(asked, poissons_ratio=0.37))
+    assert words(*other) == ("Poisson's ratio 0.37 instead of 0.4", 2)
+    other = lame_of(replace(asked, youngs_modulus=1.23 * E, poissons_ratio=0.37))
+    both = "Young's modulus 1.23 times what was asked, and Poisson's ratio 0.37 instead of 0.4"
+    assert words(*other) == (both, 3)
+
+
 @pytest.mark.parametrize("law", list(Law))
 def test_moduli_are_named_from_all_deformations_and_never_from_those_that_do_not_tell(
     law: Law,
@@ -312,6 +339,8 @@ def test_moduli_are_named_from_all_deformations_and_never_from_those_that_do_not
     assert cause_of_stress(of(every, 1.0, 1.03), material, every) == words.format(1, 1.03)
     assert cause_of_stress(of(every, 2.0, 1.0), material, every) == words.format(2, 1)
     assert cause_of_stress(of(every, 1.0, -1.2389), material, every) == ""
+    assert cause_of_stress(of(every, -0.5, 1.0), material, every) == ""
+    assert cause_of_stress(of(every, 0.0, 1.0), material, every) == words.format(0, 1)
     for F in kinds.values():
         found = cause_of_stress(of(F, 1.0, 1.03), material, F)
         assert found in ("", words.format(1, 1.03)) or "that of" in found
