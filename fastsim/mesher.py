@@ -347,7 +347,7 @@ def mesh_surface(
 
 def _refuse_too_many_cubes(points: Points, size: float) -> None:
     """The lattice fills the box around all parts, however far apart they lie."""
-    extents = np.ptp(points, axis=0)
+    extents = points.max(axis=0) - points.min(axis=0)
     cubes = float(np.prod(np.maximum(extents / size, 1.0)))
     if not cubes <= _MOST_CUBES:
         raise MeshingError(

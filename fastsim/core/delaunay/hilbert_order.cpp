@@ -10,36 +10,35 @@ namespace {
 constexpr int bits = 19; // 57 for three axes; 7 are left for the round
 constexpr std::size_t first_round = 1000;
 
+// Of 21 bits at most every third: powers of two become powers of eight.
+std::uint64_t spread(std::uint64_t x) {
+    x = (x | x << 32) & 0x001F00000000FFFFull;
+    x = (x | x << 16) & 0x001F0000FF0000FFull;
+    x = (x | x << 8) & 0x100F00F00F00F00Full;
+    x = (x | x << 4) & 0x10C30C30C30C30C3ull;
+    return (x | x << 2) & 0x1249249249249249ull;
+}
+
 // Position along the Hilbert curve of order `bits` (J. Skilling, Programming the Hilbert curve,
 // AIP Conf. Proc. 707, 2004): transpose form, then interleaved.
 std::uint64_t hilbert_position(std::array<std::uint32_t, 3> x) {
-    for (std::uint32_t q = 1u << (bits - 1); q > 1; q >>= 1) {
-        const std::uint32_t p = q - 1;
+    // Without branches, of which half would be guessed wrong.
+    for (int b = bits - 1; b > 0; --b) {
+        const std::uint32_t p = (1u << b) - 1;
         for (std::size_t i = 0; i < 3; ++i) {
-            if (x[i] & q) {
-                x[0] ^= p;
-            } else {
-                const std::uint32_t t = (x[0] ^ x[i]) & p;
-                x[0] ^= t;
-                x[i] ^= t;
-            }
+            const std::uint32_t is_set = 0u - ((x[i] >> b) & 1u); // all bits or none
+            const std::uint32_t t = (x[0] ^ x[i]) & p & ~is_set;
+            x[0] ^= t | (p & is_set);
+            x[i] ^= t;
         }
     }
     x[1] ^= x[0];
     x[2] ^= x[1];
     std::uint32_t t = 0;
-    for (std::uint32_t q = 1u << (bits - 1); q > 1; q >>= 1) {
-        if (x[2] & q) {
-            t ^= q - 1;
-        }
+    for (int b = bits - 1; b > 0; --b) {
+        t ^= ((1u << b) - 1) & (0u - ((x[2] >> b) & 1u));
     }
-    std::uint64_t position = 0;
-    for (int b = bits - 1; b >= 0; --b) {
-        for (std::size_t i = 0; i < 3; ++i) {
-            position = (position << 1) | (((x[i] ^ t) >> b) & 1u);
-        }
-    }
-    return position;
+    return spread(x[0] ^ t) << 2 | spread(x[1] ^ t) << 1 | spread(x[2] ^ t);
 }
 
 std::uint64_t scramble(std::uint64_t x) { // splitmix64

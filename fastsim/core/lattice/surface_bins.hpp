@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -32,9 +33,11 @@ template <typename Row> class Rows {
     }
 
   private:
-    static Triple key(Index i, Index j) { return {i, j, 0}; }
+    static std::uint64_t key(Index i, Index j) {
+        return std::uint64_t{static_cast<std::uint32_t>(i)} << 32 | static_cast<std::uint32_t>(j);
+    }
 
-    std::unordered_map<Triple, Row, TripleHash> _rows;
+    std::unordered_map<std::uint64_t, Row, EdgeHash> _rows;
 };
 
 /// Places with a distance that others keep from them, in cubic bins; one set of bins for each
@@ -144,6 +147,7 @@ class Column {
         for (std::size_t k = 0; k < 3; ++k)
             for (std::size_t i = 0; i < 3; ++i)
                 block.corner[k][i][lane] = (*corners[k])[i];
+        block.highest = std::max({block.highest, a[2], b[2], c[2]});
         ++_count;
     }
 
@@ -151,6 +155,8 @@ class Column {
     bool has_odd_above(const Point &p) const {
         bool is_odd = false;
         for (const Block &block : _blocks) {
+            if (!(block.highest > p[2]))
+                continue;
             const auto &[a, b, c] = block.corner;
             std::array<double, lanes> ab, bc, ca;
             for (std::size_t l = 0; l < lanes; ++l) {
@@ -176,6 +182,7 @@ class Column {
     static constexpr std::size_t lanes = 4;
     struct Block {
         std::array<std::array<std::array<double, lanes>, 3>, 3> corner{}; // by axis, by facet
+        double highest = -std::numeric_limits<double>::infinity();
     };
 
     static double cross(double ux, double uy, double vx, double vy) { return ux * vy - uy * vx; }

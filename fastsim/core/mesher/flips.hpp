@@ -2,19 +2,15 @@
 // Local changes of a tetrahedralisation that keep its points: 2-3 flips and the removal of an
 // edge (3-2, 4-4 and larger), each only when every new cell is positive by the exact predicate.
 
+#include "mesher/flat_set.hpp"
 #include "slivers/cell_quality.hpp"
-
-#include <unordered_set>
 
 namespace fastsim {
 
-/// Facets by sorted_triple.
-using FacetSet = std::unordered_set<Triple, TripleHash>;
-
 /// What flips must leave alone.
 struct Protection {
-    std::unordered_set<std::uint64_t> edges; // by edge_key
-    FacetSet facets;                         // by sorted_triple
+    FlatSet<std::uint64_t, EdgeHash, ~std::uint64_t{0}> edges;    // by edge_key
+    FlatSet<Triple, TripleHash, Triple{none, none, none}> facets; // by sorted_triple
 };
 
 /// Removes edge (a, b), re-triangulating its ring of at most `max_ring` cells.

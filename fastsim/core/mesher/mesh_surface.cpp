@@ -166,22 +166,36 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
         stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points,
                                       watch);
     }
+    double altitude = 0.0;
+    CellRatings ratings;
+    const auto rate = [&] {
+        altitude =
+            settings.least_altitude > 0.0 ? settings.least_altitude : find_wanted_altitude(inside);
+        ratings = rate_all_cells(inside, altitude);
+    };
+    rate();
+    const bool has_flat = has_flat_cell(inside, ratings.sines);
     // The boundary has no neighbours: nothing has to be protected.
-    remove_flat_cells(inside, {}, true);
+    if (has_flat)
+        remove_flat_cells(inside, {}, true);
     if (!stuck.empty())
         bring_forward(inside, stuck, cube_corners + num_surface);
+    if (has_flat || !stuck.empty())
+        rate();
     result.num_boundary_steiner = stuck.size();
     const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
     watch.begin("improving cells", inside.num_slots());
     if (settings.sliver_passes > 0) {
-        result.slivers =
-            remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
-                           settings.least_altitude, settings.sliver_budget, watch);
+        inside.wanted_altitude = altitude;
+        result.slivers = remove_slivers(inside, num_fixed, ratings, settings.sliver_target,
+                                        settings.sliver_passes, settings.sliver_budget, watch);
+        inside.wanted_altitude = 0.0; // from now on angles alone count
         if (settings.lengthens_step)
-            result.slivers.left = lengthen_time_step(
-                inside, num_fixed,
-                settings.least_altitude > 0.0 ? least_sine_for_altitude : least_sine_for_step,
-                watch);
+            lengthen_time_step(inside, num_fixed, ratings.sines,
+                               settings.least_altitude > 0.0 ? least_sine_for_altitude
+                                                             : least_sine_for_step,
+                               watch);
+        result.slivers.left = count_slivers(inside, ratings.sines);
     }
     collect(inside, num_fixed, result);
     return result;

@@ -49,7 +49,7 @@ void TetComplex::link(std::span<const Index> cells) {
             const Triple key = sorted_triple(f[0], f[1], f[2]);
             // A change has few sides: a search from the last is quicker than a hash table.
             std::size_t i = _open.size();
-            while (i > 0 && _open[i - 1].key != key)
+            while (i > 0 && !TripleHash::is_same(_open[i - 1].key, key))
                 --i;
             if (i == 0) {
                 _neighbours[at(c)][slot(k)] = none;

@@ -34,7 +34,19 @@ inline std::uint64_t edge_key(Index a, Index b) {
     return (low << 32) | static_cast<std::uint64_t>(std::max(a, b));
 }
 
+// What tables need of their keys: a number, and equality (of arrays == asks the library's memcmp).
+struct EdgeHash {
+    static bool is_same(std::uint64_t a, std::uint64_t b) { return a == b; }
+    std::size_t operator()(std::uint64_t key) const {
+        key *= 0x9E3779B97F4A7C15ull;
+        return static_cast<std::size_t>(key ^ (key >> 32));
+    }
+};
+
 struct TripleHash {
+    static bool is_same(const Triple &a, const Triple &b) {
+        return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+    }
     std::size_t operator()(const Triple &t) const {
         std::uint64_t h = static_cast<std::uint64_t>(t[0]) * 0x9E3779B97F4A7C15ull;
         h = (h ^ (h >> 29)) + static_cast<std::uint64_t>(t[1]);
@@ -62,6 +74,7 @@ class TetComplex {
     std::size_t num_slots() const { return _cells.size(); }
     bool is_alive(Index cell) const { return _cells[at(cell)][0] != none; }
     const Cell &cell(Index c) const { return _cells[at(c)]; }
+    std::span<const Cell> cells() const { return _cells; } // by slot
     Index neighbour(Index c, int facet) const { return _neighbours[at(c)][slot(facet)]; }
     /// A living cell at a point, or none.
     Index cell_at(Index point) const { return _cell_of_point[at(point)]; }

@@ -6,6 +6,8 @@
 #include "recovery/steiner_recovery.hpp"
 #include "slivers/flat_cells.hpp"
 
+#include <unordered_set>
+
 namespace fastsim {
 
 namespace {
@@ -26,20 +28,32 @@ void try_each(std::vector<Item> &items, Watch &watch, const Try &attempt) {
         });
 }
 
-/// Which of the facets are there, in one walk over all cells.
-std::vector<char> find_all(const TetComplex &complex, const FacetTable &table, std::size_t count) {
-    std::vector<char> is_there(count, 0);
+/// Finds which of the facets are there, by the cells that are not those of the last look.
+void look(const TetComplex &complex, const FacetTable &table, std::span<const Cell> last,
+          std::vector<char> &is_there) {
+    const auto is_new = [&](Index c) {
+        return TetComplex::at(c) >= last.size() || last[TetComplex::at(c)] != complex.cell(c);
+    };
+    const auto mark = [&](const Cell &cell, int k, char value) {
+        const auto &f = cell_facets[TetComplex::at(k)];
+        const Index found = table.find(
+            {cell[TetComplex::at(f[0])], cell[TetComplex::at(f[1])], cell[TetComplex::at(f[2])]});
+        if (found != none)
+            is_there[TetComplex::at(found)] = value;
+    };
+    for (std::size_t slot = 0; slot < last.size(); ++slot)
+        for (int k = 0; k < 4 && last[slot][0] != none && is_new(static_cast<Index>(slot)); ++k)
+            mark(last[slot], k, 0);
     for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
         const auto c = static_cast<Index>(slot);
-        if (!complex.is_alive(c) || !table.may_have_one_of(complex.cell(c)))
+        if (!complex.is_alive(c) || !table.may_have_one_of(complex.cell(c)) || !is_new(c))
             continue;
         for (int k = 0; k < 4; ++k) {
-            const Index found = table.find(complex.facet(c, k));
-            if (found != none)
-                is_there[TetComplex::at(found)] = 1;
+            const Index beyond = complex.neighbour(c, k);
+            if (beyond <= c || !is_new(beyond)) // else it is seen from there
+                mark(complex.cell(c), k, 1);
         }
     }
-    return is_there;
 }
 
 /// The surface of all parts. A part that two facets share, once each way, lies between points of
@@ -69,7 +83,8 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
 
     recover_planes(complex, facets, protection, watch);
     const FacetTable table(facets);
-    std::vector<char> is_there = find_all(complex, table, facets.size());
+    std::vector<char> is_there(facets.size(), 0);
+    look(complex, table, {}, is_there);
     std::vector<Edge> edges;
     std::unordered_set<std::uint64_t> missing;
     protection.edges.reserve(3 * facets.size() / 2);
@@ -91,7 +106,9 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
         }
     watch.begin("bringing edges of the surface in", edges.size());
     report.recovered_edges = edges.size();
-    const bool has_changed = !edges.empty();
+    std::vector<Cell> before_flips;
+    if (!edges.empty())
+        before_flips.assign(complex.cells().begin(), complex.cells().end());
     const auto flip_in = [&](const Edge &e) {
         const bool is_flipped_in = flips.recover_edge(e[0], e[1], most_flips);
         if (is_flipped_in)
@@ -112,8 +129,8 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     const auto protect = [&](const Triple &f) {
         protection.facets.insert(sorted_triple(f[0], f[1], f[2]));
     };
-    if (has_changed)
-        is_there = find_all(complex, table, facets.size());
+    if (!before_flips.empty())
+        look(complex, table, before_flips, is_there);
     protection.facets.reserve(facets.size());
     for (std::size_t i = 0; i < facets.size(); ++i)
         // Beside a cut edge the whole one may be there too.

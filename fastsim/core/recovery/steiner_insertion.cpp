@@ -1,6 +1,7 @@
 #include "recovery/steiner_insertion.hpp"
 
 #include <algorithm>
+#include <unordered_set>
 
 namespace fastsim {
 

@@ -165,13 +165,13 @@ inline __attribute__((always_inline)) CellShape<double> shape_of(const TetComple
     return CellShape<double>(x);
 }
 
-inline __attribute__((always_inline)) double rate(const TetComplex &complex,
-                                                  const CellShape<double> &s) {
+inline __attribute__((always_inline)) double rate(const CellShape<double> &s,
+                                                  double wanted_altitude) {
     double quality = 0.0;
     s.find_smallest_sine(quality);
     if (is_told(quality)) {
-        if (complex.wanted_altitude > 0.0)
-            s.lower_by_altitude(quality, complex.wanted_altitude);
+        if (wanted_altitude > 0.0)
+            s.lower_by_altitude(quality, wanted_altitude);
         return quality;
     }
     // Lengths so small or large that products of areas leave the range, or a facet without area:
@@ -185,15 +185,11 @@ inline __attribute__((always_inline)) double rate(const TetComplex &complex,
 // A deviation is at most half the range, so at most (longest / shortest - 1) / 2 of the mean.
 double squared_ratio_of(double limit) { return (1.0 + 1.99 * limit) * (1.0 + 1.99 * limit); }
 
-struct Rates {
-    std::array<double, lanes> qualities, excesses;
-};
-
 /// Four cells at most.
-Rates rate_few(const TetComplex &complex, std::span<const Index> cells, double limit) {
+void rate_few(const TetComplex &complex, std::span<const Index> cells, double wanted_altitude,
+              CellRatings &ratings) {
     std::array<double, lanes> corners[4][3];
-    std::array<double, lanes> sines;
-    Rates rates;
+    std::array<double, lanes> sines, qualities, excesses;
     for (std::size_t l = 0; l < lanes; ++l) {
         // What is no cell is rated as another, and that is not looked at.
         const Cell &cell = complex.cell(cells[std::min(l, cells.size() - 1)]);
@@ -203,12 +199,16 @@ Rates rate_few(const TetComplex &complex, std::span<const Index> cells, double l
                 corners[i][j][l] = p[j];
         }
     }
-    rate_four(corners, complex.wanted_altitude, squared_ratio_of(limit), sines.data(),
-              rates.qualities.data(), rates.excesses.data());
-    for (std::size_t l = 0; l < cells.size(); ++l)
+    rate_four(corners, wanted_altitude, squared_ratio_of(largest_deviation), sines.data(),
+              qualities.data(), excesses.data());
+    for (std::size_t l = 0; l < cells.size(); ++l) {
+        const std::size_t slot = TetComplex::at(cells[l]);
         if (!is_told(sines[l]) && complex.is_alive(cells[l]))
-            rates.qualities[l] = rate(complex, shape_of(complex, complex.cell(cells[l])));
-    return rates;
+            sines[l] = qualities[l] = rate(shape_of(complex, complex.cell(cells[l])), 0.0);
+        ratings.sines[slot] = sines[l];
+        ratings.qualities[slot] = qualities[l];
+        ratings.is_uneven[slot] = excesses[l] >= 0.0 ? 1 : 0;
+    }
 }
 
 // Products of areas and volumes that are as far from the ends of the range; and the part of a floor
@@ -218,7 +218,7 @@ constexpr double smallest_safe = 1e-280, part_of_floor = 0.999999;
 } // namespace
 
 double cell_quality(const TetComplex &complex, const Cell &cell) {
-    return rate(complex, shape_of(complex, cell));
+    return rate(shape_of(complex, cell), complex.wanted_altitude);
 }
 
 double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor) {
@@ -232,40 +232,30 @@ double cell_quality_above(const TetComplex &complex, const Cell &cell, double fl
     const double wanted = part_of_floor * floor * floor * all;
     if (product > smallest_safe && product < wanted && wanted < 1.0 / smallest_safe)
         return 0.0;
-    return rate(complex, s);
+    return rate(s, complex.wanted_altitude);
 }
 
-void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
-                std::vector<double> &qualities, std::vector<char> &is_uneven) {
-    for (std::size_t first = 0; first < cells.size(); first += lanes) {
-        const auto few = cells.subspan(first, std::min(lanes, cells.size() - first));
-        const Rates rates = rate_few(complex, few, limit);
-        for (std::size_t l = 0; l < few.size(); ++l) {
-            qualities[TetComplex::at(few[l])] = rates.qualities[l];
-            is_uneven[TetComplex::at(few[l])] = rates.excesses[l] >= 0.0 ? 1 : 0;
-        }
-    }
-}
-
-std::vector<double> cell_qualities(const TetComplex &complex, double limit,
-                                   std::vector<char> *is_uneven) {
+CellRatings rate_all_cells(const TetComplex &complex, double wanted_altitude) {
     const std::size_t count = complex.num_slots();
-    std::vector<double> result(count);
-    if (is_uneven != nullptr)
-        is_uneven->assign(count, 0);
+    CellRatings ratings{std::vector<double>(count), std::vector<double>(count),
+                        std::vector<char>(count)};
     for (std::size_t first = 0; first < count; first += lanes) {
         std::array<Index, lanes> slots{};
         const std::size_t size = std::min(lanes, count - first);
         for (std::size_t l = 0; l < size; ++l)
             slots[l] = static_cast<Index>(first + l);
-        const Rates rates = rate_few(complex, std::span(slots).first(size), limit);
-        for (std::size_t l = 0; l < size; ++l) {
-            result[first + l] = rates.qualities[l];
-            if (is_uneven != nullptr)
-                (*is_uneven)[first + l] = rates.excesses[l] >= 0.0 ? 1 : 0;
-        }
+        rate_few(complex, std::span(slots).first(size), wanted_altitude, ratings);
     }
-    return result;
+    return ratings;
+}
+
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, CellRatings &ratings) {
+    ratings.sines.resize(complex.num_slots());
+    ratings.qualities.resize(complex.num_slots());
+    ratings.is_uneven.resize(complex.num_slots());
+    for (std::size_t first = 0; first < cells.size(); first += lanes)
+        rate_few(complex, cells.subspan(first, std::min(lanes, cells.size() - first)),
+                 complex.wanted_altitude, ratings);
 }
 
 double find_wanted_altitude(const TetComplex &complex) {

@@ -17,15 +17,21 @@ double cell_quality(const TetComplex &complex, const Cell &cell);
 /// `floor` is at least 0.
 double cell_quality_above(const TetComplex &complex, const Cell &cell, double floor);
 
-/// The qualities of some living cells, by slot, and whether their edge_length_deviation may be
-/// above a limit: of most cells it surely isn't.
-void rate_cells(const TetComplex &complex, std::span<const Index> cells, double limit,
-                std::vector<double> &qualities, std::vector<char> &is_uneven);
+/// The paper's threshold of edge_length_deviation, which it does not print. A flat square scores
+/// 0.19 and passes: the angle finds it. A needle whose angles are fair is found by this.
+constexpr double largest_deviation = 0.45;
 
-/// The quality of all living cells, by slot; of others some number. The same of `is_uneven` where
-/// it is given.
-std::vector<double> cell_qualities(const TetComplex &complex, double limit = 0.0,
-                                   std::vector<char> *is_uneven = nullptr);
+/// What cells are worth, by slot; of one that does not live some number.
+struct CellRatings {
+    std::vector<double> sines;     // the smallest of a cell's angles
+    std::vector<double> qualities; // by altitude too
+    std::vector<char> is_uneven;   // 0 where edge_length_deviation surely is below its threshold
+};
+
+/// All cells, with an altitude that is wanted, or 0.
+CellRatings rate_all_cells(const TetComplex &complex, double wanted_altitude);
+/// Some living cells anew, with the complex's altitude.
+void rate_cells(const TetComplex &complex, std::span<const Index> cells, CellRatings &ratings);
 
 /// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a part of
 /// the mean edge.

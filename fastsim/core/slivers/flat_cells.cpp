@@ -67,16 +67,21 @@ class FlatCells {
     bool _may_insert;
 };
 
+Index first_flat_cell(const TetComplex &complex, std::span<const double> sines) {
+    for (std::size_t slot = 0; slot < sines.size(); ++slot)
+        if (sines[slot] < flat && complex.is_alive(static_cast<Index>(slot)))
+            return static_cast<Index>(slot);
+    return none;
+}
+
 } // namespace
 
+bool has_flat_cell(const TetComplex &complex, std::span<const double> sines) {
+    return first_flat_cell(complex, sines) != none;
+}
+
 std::size_t remove_flat_cells(TetComplex &complex, const Protection &protection, bool may_insert) {
-    const std::vector<double> qualities = cell_qualities(complex);
-    const auto first_flat = [&] {
-        for (std::size_t slot = 0; slot < qualities.size(); ++slot)
-            if (qualities[slot] < flat && complex.is_alive(static_cast<Index>(slot)))
-                return static_cast<Index>(slot);
-        return none;
-    }();
+    const Index first_flat = first_flat_cell(complex, rate_all_cells(complex, 0.0).sines);
     if (first_flat == none)
         return 0;
     FlatCells cells(complex, protection, may_insert);

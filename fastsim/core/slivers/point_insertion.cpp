@@ -118,12 +118,13 @@ void PointInsertion::fill_star() {
 /// Pattern search for the place; the worst quality there.
 double PointInsertion::optimise(double first, double last) {
     double best = _star.worst(place(), nothing);
+    std::array<std::size_t, 6> culprits{}; // by direction
     for (double step = first * _reach; step > last * _reach; step *= 0.5)
         for (std::size_t axis = 0; axis < 3; ++axis)
-            for (const double way : {1.0, -1.0}) {
+            for (const std::size_t back : {0, 1}) {
                 const double old = place()[axis];
-                place()[axis] = old + way * step;
-                const double now = _star.worst(place(), best);
+                place()[axis] = old + (back == 0 ? step : -step);
+                const double now = _star.worst(place(), best, culprits[2 * axis + back]);
                 if (now > best)
                     best = now;
                 else

@@ -11,14 +11,12 @@ namespace fastsim {
 
 namespace {
 
+constexpr double sliver_sine = 0.17364817766693033; // of 10 degrees
 constexpr std::size_t largest_ring = 9, largest_last_ring = 13;
 // At the end, cells below about 27 degrees, and no more of them than that.
 constexpr double finishing_share = 0.84;
 constexpr std::size_t most_finished = 200;
 constexpr int finishing_passes = 6;
-// The paper's threshold, which it does not print. A flat square scores 0.19 and passes: the angle
-// finds it. A needle whose angles are fair is found by this.
-constexpr double largest_deviation = 0.45;
 // A change must be worth it, or passes never end.
 constexpr double least_flip_gain = 1e-6;
 constexpr double least_move_gain = 1e-3;
@@ -38,17 +36,14 @@ constexpr double work_per_bad_cell = 5.5, most_reached = 0.99;
 
 class SliverRemoval {
   public:
-    SliverRemoval(TetComplex &complex, Index num_fixed, double target, double least_altitude,
+    SliverRemoval(TetComplex &complex, Index num_fixed, CellRatings &ratings, double target,
                   SliverBudget budget, Watch &watch)
         : _complex(complex), _num_fixed(num_fixed), _target(target), _insertion(complex),
           _most_insertions(complex.num_slots() / 10),
           _most_work(
               budget.least +
               static_cast<std::size_t>(budget.per_cell * static_cast<double>(complex.num_slots()))),
-          _watch(watch) {
-        complex.wanted_altitude =
-            least_altitude > 0.0 ? least_altitude : find_wanted_altitude(complex);
-        _quality = cell_qualities(complex, largest_deviation, &_is_uneven);
+          _watch(watch), _ratings(ratings), _quality(ratings.qualities) {
         _tried.assign(complex.num_slots(), 0);
         _refusals.assign(complex.num_slots(), 0);
         _changed.assign(complex.points.size(), 1);
@@ -63,7 +58,7 @@ class SliverRemoval {
         for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
             const auto c = static_cast<Index>(slot);
             const bool is_good = _quality[slot] >= _target;
-            if ((is_good && _is_uneven[slot] == 0) || !_complex.is_alive(c))
+            if ((is_good && _ratings.is_uneven[slot] == 0) || !_complex.is_alive(c))
                 continue;
             if (is_good) {
                 if (has_changed_since(c, _last_pass) && is_uneven(c) && has_news(c))
@@ -120,29 +115,15 @@ class SliverRemoval {
         return changes > 0;
     }
 
-    /// Ends the work: from now on angles alone count.
-    std::size_t count_slivers() {
-        _complex.wanted_altitude = 0.0;
-        std::size_t count = 0;
-        for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
-            const auto c = static_cast<Index>(slot);
-            // Without its altitude no cell is rated lower than with it.
-            if (_complex.is_alive(c) && _quality[slot] < told_sine &&
-                cell_quality(_complex, _complex.cell(c)) < told_sine)
-                ++count;
-        }
-        return count;
-    }
-
   private:
     double quality_of(Index c) const { return _quality[TetComplex::at(c)]; }
 
     /// Whether a cell is bad by its edges.
     bool is_uneven(Index c) {
-        char &answer = _is_uneven[TetComplex::at(c)];
-        if (answer != 0 && !is_edge_length_deviation_above(_complex, c, largest_deviation))
-            answer = 0;
-        return answer != 0;
+        char &may_be = _ratings.is_uneven[TetComplex::at(c)];
+        if (may_be != 0 && !is_edge_length_deviation_above(_complex, c, largest_deviation))
+            may_be = 0;
+        return may_be != 0;
     }
 
     /// Whether something near a cell has changed since it was worked on in vain.
@@ -264,20 +245,21 @@ class SliverRemoval {
         }
         double best = before;
         Point best_place = start;
-        const auto try_place = [&](const Point &candidate) {
-            const double worst = _star.worst(candidate, best);
+        const auto try_place = [&](const Point &candidate, std::size_t &culprit) {
+            const double worst = _star.worst(candidate, best, culprit);
             if (worst > best) {
                 best = worst;
                 best_place = candidate;
             }
         };
-        try_place({centre[0] / count, centre[1] / count, centre[2] / count});
+        std::array<std::size_t, 6> culprits{}; // by direction
+        try_place({centre[0] / count, centre[1] / count, centre[2] / count}, culprits[0]);
         for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
             for (std::size_t axis = 0; axis < 3; ++axis)
-                for (const double way : {1.0, -1.0}) {
+                for (const std::size_t back : {0, 1}) {
                     Point candidate = best_place;
-                    candidate[axis] += way * step;
-                    try_place(candidate);
+                    candidate[axis] += back == 0 ? step : -step;
+                    try_place(candidate, culprits[2 * axis + back]);
                 }
         if (!(best > before + least_move_gain))
             return false;
@@ -293,8 +275,6 @@ class SliverRemoval {
     }
 
     void note_fresh_cells() {
-        _quality.resize(_complex.num_slots());
-        _is_uneven.resize(_complex.num_slots());
         _tried.resize(_complex.num_slots());
         _changed.resize(_complex.points.size());
         _unmoved.resize(_complex.points.size());
@@ -306,7 +286,7 @@ class SliverRemoval {
 
     void note(const std::vector<Index> &cells) {
         ++_turn;
-        rate_cells(_complex, cells, largest_deviation, _quality, _is_uneven);
+        rate_cells(_complex, cells, _ratings);
         for (const Index c : cells) {
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
@@ -321,8 +301,8 @@ class SliverRemoval {
     std::size_t _most_insertions;
     std::size_t _most_work;
     Watch &_watch;
-    std::vector<double> _quality;        // by slot
-    std::vector<char> _is_uneven;        // by slot: 0 where its edges surely are alike enough
+    CellRatings &_ratings;
+    const std::vector<double> &_quality; // by slot
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<int> _refusals;          // by slot: insertions tried in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
@@ -339,17 +319,24 @@ class SliverRemoval {
 
 } // namespace
 
-SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes,
-                            double least_altitude, SliverBudget budget, Watch &watch) {
+SliverReport remove_slivers(TetComplex &complex, Index num_fixed, CellRatings &ratings,
+                            double target, int max_passes, SliverBudget budget, Watch &watch) {
     SliverReport report;
-    SliverRemoval removal(complex, num_fixed, target, least_altitude, budget, watch);
+    SliverRemoval removal(complex, num_fixed, ratings, target, budget, watch);
     for (int pass = 0; pass < max_passes && removal.pass(report); ++pass) {
     }
     for (int pass = 0; pass < finishing_passes && max_passes > 0 && removal.finish(report);
          ++pass) {
     }
-    report.left = removal.count_slivers();
     return report;
+}
+
+std::size_t count_slivers(const TetComplex &complex, std::span<const double> sines) {
+    std::size_t count = 0;
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
+        if (complex.is_alive(static_cast<Index>(slot)) && sines[slot] < sliver_sine)
+            ++count;
+    return count;
 }
 
 } // namespace fastsim

@@ -8,16 +8,13 @@
 
 namespace fastsim {
 
-/// sin 10 degrees.
-constexpr double told_sine = 0.17364817766693033;
-
 struct SliverReport {
     std::size_t flips = 0;
     std::size_t moves = 0;
     std::size_t insertions = 0;
     std::size_t work = 0; // see the budget
     bool is_cut_short = false;
-    std::size_t left = 0; // cells with a dihedral angle below 10 degrees
+    std::size_t left = 0; // see count_slivers
 };
 
 /// Bounds the work: cells tried, of which one that a point is tried for counts as many. Ordinary
@@ -27,10 +24,13 @@ struct SliverBudget {
     double per_cell;
 };
 
-/// Improves cells whose smallest sine of a dihedral angle is below `target`. Points numbered
-/// below `num_fixed` are never moved. A cell counts as bad below `least_altitude`, too; 0 takes
-/// what the surface suggests (find_wanted_altitude).
-SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes,
-                            double least_altitude, SliverBudget budget, Watch &watch);
+/// Improves cells whose smallest sine of a dihedral angle is below `target`, or that are below the
+/// complex's altitude. Points numbered below `num_fixed` are never moved. The ratings are those of
+/// the cells by that altitude, before and after.
+SliverReport remove_slivers(TetComplex &complex, Index num_fixed, CellRatings &ratings,
+                            double target, int max_passes, SliverBudget budget, Watch &watch);
+
+/// Cells with a dihedral angle below 10 degrees, by the smallest sine of each, by slot.
+std::size_t count_slivers(const TetComplex &complex, std::span<const double> sines);
 
 } // namespace fastsim

@@ -16,54 +16,86 @@ inline void load(const Star::Lane &from, Four &to) {
     std::memcpy(&to, from.data(), sizeof(Four));
 }
 
-/// Signed squares of the qualities of a block's cells: q |q|, which orders them alike without a
-/// root. See cell_quality for the formula. Without branches.
-inline __attribute__((always_inline)) void rate_block(const Star::Block &f, const double *p,
-                                                      double altitude_weight, double *rating) {
-    Four ux, uy, uz, vx, vy, vz, wx, wy, wz, fp, ab, bc, ca;
-    load(f.a[0], ux), load(f.a[1], uy), load(f.a[2], uz);
-    load(f.b[0], vx), load(f.b[1], vy), load(f.b[2], vz);
-    load(f.c[0], wx), load(f.c[1], wy), load(f.c[2], wz);
-    load(f.squared_area, fp), load(f.ab, ab), load(f.bc, bc), load(f.ca, ca);
-    ux -= p[0], uy -= p[1], uz -= p[2];
-    vx -= p[0], vy -= p[1], vz -= p[2];
-    wx -= p[0], wy -= p[1], wz -= p[2];
-    const Four ax = vy * wz - vz * wy, ay = vz * wx - vx * wz, az = vx * wy - vy * wx;
-    const Four bx = wy * uz - wz * uy, by = wz * ux - wx * uz, bz = wx * uy - wy * ux;
-    const Four cx = uy * vz - uz * vy, cy = uz * vx - ux * vz, cz = ux * vy - uy * vx;
-    const Four fa = ax * ax + ay * ay + az * az, fb = bx * bx + by * by + bz * bz,
-               fc = cx * cx + cy * cy + cz * cz;
-    const Four volume = ux * ax + uy * ay + uz * az;
-    const Four signed_square = volume * (volume < 0.0 ? -volume : volume);
-    Four smallest = (ux * ux + uy * uy + uz * uz) * (fa * fp);
-    Four largest = fa > fb ? fa : fb;
-    const auto lower = [&](const Four &x) { smallest = x < smallest ? x : smallest; };
-    lower((vx * vx + vy * vy + vz * vz) * (fb * fp));
-    lower((wx * wx + wy * wy + wz * wz) * (fc * fp));
-    lower(ab * (fa * fb));
-    lower(bc * (fb * fc));
-    lower(ca * (fc * fa));
-    largest = largest > fc ? largest : fc;
-    largest = largest > fp ? largest : fp;
-    // A facet without area is as bad as a flat cell: the product in place of 0 / 0 is 0.
-    Four all = (fa * fb) * (fc * fp);
-    all = all > 0.0 ? all : all + 1.0;
-    const Four by_angle = signed_square * (smallest / all);
-    const Four by_altitude =
-        signed_square * (altitude_weight / (largest > 0.0 ? largest : largest + 1.0));
-    const Four result = by_altitude < by_angle ? by_altitude : by_angle;
-    std::memcpy(rating, &result, sizeof(Four));
-}
+/// The cells of a block's facets to a place.
+struct CellsOfBlock {
+    Four a, b, c;        // squared distances of the facets' corners from the place
+    Four fa, fb, fc, fp; // four times the squared areas opposite the corners and the place
+    Four ab, bc, ca;     // squared lengths of the facets' sides
+    Four signed_square;  // of six volumes: with the sign of the volume
+
+    inline __attribute__((always_inline)) CellsOfBlock(const Star::Block &f, const double *p) {
+        Four ux, uy, uz, vx, vy, vz, wx, wy, wz;
+        load(f.a[0], ux), load(f.a[1], uy), load(f.a[2], uz);
+        load(f.b[0], vx), load(f.b[1], vy), load(f.b[2], vz);
+        load(f.c[0], wx), load(f.c[1], wy), load(f.c[2], wz);
+        load(f.squared_area, fp), load(f.ab, ab), load(f.bc, bc), load(f.ca, ca);
+        ux -= p[0], uy -= p[1], uz -= p[2];
+        vx -= p[0], vy -= p[1], vz -= p[2];
+        wx -= p[0], wy -= p[1], wz -= p[2];
+        const Four ax = vy * wz - vz * wy, ay = vz * wx - vx * wz, az = vx * wy - vy * wx;
+        const Four bx = wy * uz - wz * uy, by = wz * ux - wx * uz, bz = wx * uy - wy * ux;
+        const Four cx = uy * vz - uz * vy, cy = uz * vx - ux * vz, cz = ux * vy - uy * vx;
+        fa = ax * ax + ay * ay + az * az;
+        fb = bx * bx + by * by + bz * bz;
+        fc = cx * cx + cy * cy + cz * cz;
+        const Four volume = ux * ax + uy * ay + uz * az;
+        signed_square = volume * (volume < 0.0 ? -volume : volume);
+        a = ux * ux + uy * uy + uz * uz;
+        b = vx * vx + vy * vy + vz * vz;
+        c = wx * wx + wy * wy + wz * wz;
+    }
+};
+
+/// Signed squares of qualities: q |q|, which orders them alike without a root. See cell_quality for
+/// the formula. Without branches.
+struct ByQuality {
+    double altitude_weight;
+
+    inline __attribute__((always_inline)) void operator()(const CellsOfBlock &s,
+                                                          double *rating) const {
+        Four smallest = s.a * (s.fa * s.fp);
+        Four largest = s.fa > s.fb ? s.fa : s.fb;
+        const auto lower = [&](const Four &x) { smallest = x < smallest ? x : smallest; };
+        lower(s.b * (s.fb * s.fp));
+        lower(s.c * (s.fc * s.fp));
+        lower(s.ab * (s.fa * s.fb));
+        lower(s.bc * (s.fb * s.fc));
+        lower(s.ca * (s.fc * s.fa));
+        largest = largest > s.fc ? largest : s.fc;
+        largest = largest > s.fp ? largest : s.fp;
+        // A facet without area is as bad as a flat cell: the product in place of 0 / 0 is 0.
+        Four all = (s.fa * s.fb) * (s.fc * s.fp);
+        all = all > 0.0 ? all : all + 1.0;
+        const Four by_angle = s.signed_square * (smallest / all);
+        const Four by_altitude =
+            s.signed_square * (altitude_weight / (largest > 0.0 ? largest : largest + 1.0));
+        const Four result = by_altitude < by_angle ? by_altitude : by_angle;
+        std::memcpy(rating, &result, sizeof(Four));
+    }
+};
+
+/// Signed squares of time steps; see cell_step.
+struct ByStep {
+    inline __attribute__((always_inline)) void operator()(const CellsOfBlock &s,
+                                                          double *rating) const {
+        Four all = (s.fa + s.fb) + (s.fc + s.fp);
+        all = all > 0.0 ? all : all + 1.0;
+        const Four result = s.signed_square / all;
+        std::memcpy(rating, &result, sizeof(Four));
+    }
+};
 
 /// Smallest rating of the blocks, or some value not above `floor`; `culprit` is asked first, and
 /// comes out as the block that went below.
-PALPATE_WIDE double worst_rating(const Star::Block *blocks, std::size_t count, const double *p,
-                                 double altitude_weight, double floor, std::size_t &culprit) {
+template <typename Rate>
+inline __attribute__((always_inline)) double
+find_worst(const Star::Block *blocks, std::size_t count, const double *p, const Rate &rate,
+           double floor, std::size_t &culprit) {
     double result = std::numeric_limits<double>::infinity();
     alignas(32) Star::Lane rating;
     std::size_t block = culprit;
     for (std::size_t turn = 0; turn < count; ++turn) {
-        rate_block(blocks[block], p, altitude_weight, rating.data());
+        rate(CellsOfBlock(blocks[block], p), rating.data());
         result = std::min(result,
                           std::min(std::min(rating[0], rating[1]), std::min(rating[2], rating[3])));
         if (!(result > floor)) {
@@ -78,10 +110,19 @@ PALPATE_WIDE double worst_rating(const Star::Block *blocks, std::size_t count, c
     return result;
 }
 
+// A copy of each for every width of registers.
+PALPATE_WIDE double worst_quality(const Star::Block *blocks, std::size_t count, const double *p,
+                                  ByQuality rate, double floor, std::size_t &culprit) {
+    return find_worst(blocks, count, p, rate, floor, culprit);
+}
+PALPATE_WIDE double worst_step(const Star::Block *blocks, std::size_t count, const double *p,
+                               double floor, std::size_t &culprit) {
+    return find_worst(blocks, count, p, ByStep{}, floor, culprit);
+}
 PALPATE_WIDE void rate_all(const Star::Block *blocks, std::size_t count, const double *p,
-                           double altitude_weight, double *ratings) {
+                           ByQuality rate, double *ratings) {
     for (std::size_t i = 0; i < count; ++i)
-        rate_block(blocks[i], p, altitude_weight, ratings + i * Star::lanes);
+        rate(CellsOfBlock(blocks[i], p), ratings + i * Star::lanes);
 }
 
 double signed_root(double x) { return std::copysign(std::sqrt(std::abs(x)), x); }
@@ -91,7 +132,6 @@ double signed_root(double x) { return std::copysign(std::sqrt(std::abs(x)), x); 
 void Star::clear(double scale, double altitude) {
     _blocks.clear();
     _size = 0;
-    _culprit = 0;
     int exponent = 0;
     std::frexp(scale, &exponent);
     _unit = std::ldexp(1.0, -std::clamp(exponent, -1000, 1000));
@@ -127,18 +167,26 @@ void Star::add(const Point &a, const Point &b, const Point &c) {
     ++_size;
 }
 
-double Star::worst(const Point &place, double floor) {
+double Star::worst(const Point &place, double floor, std::size_t &culprit) const {
     const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
     const double squared_floor = floor * std::abs(floor);
-    const double rating = worst_rating(_blocks.data(), _blocks.size(), p.data(), _altitude_weight,
-                                       squared_floor, _culprit);
+    const double rating = worst_quality(_blocks.data(), _blocks.size(), p.data(),
+                                        {_altitude_weight}, squared_floor, culprit);
     return rating > squared_floor ? signed_root(rating) : floor;
+}
+
+double Star::shortest_step(const Point &place, double floor, std::size_t &culprit) const {
+    const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
+    const double scaled = floor * _unit, squared_floor = scaled * std::abs(scaled);
+    const double rating =
+        worst_step(_blocks.data(), _blocks.size(), p.data(), squared_floor, culprit);
+    return rating > squared_floor ? signed_root(rating) / _unit : floor;
 }
 
 void Star::list_qualities(const Point &place, std::vector<double> &out) const {
     const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
     out.resize(_blocks.size() * lanes);
-    rate_all(_blocks.data(), _blocks.size(), p.data(), _altitude_weight, out.data());
+    rate_all(_blocks.data(), _blocks.size(), p.data(), {_altitude_weight}, out.data());
     out.resize(_size);
     for (double &q : out)
         q = signed_root(q);

@@ -20,8 +20,15 @@ class Star {
     std::size_t size() const { return _size; }
 
     /// Worst quality (as cell_quality) with the point at a place; some value not above `floor` as
-    /// soon as that is certain.
-    double worst(const Point &place, double floor);
+    /// soon as that is certain. Block number `culprit` is asked first, and comes out as the one
+    /// that spoiled the place: mostly it spoils the next one in that direction.
+    double worst(const Point &place, double floor, std::size_t &culprit) const;
+    double worst(const Point &place, double floor) const {
+        std::size_t first = 0;
+        return worst(place, floor, first);
+    }
+    /// The same of the shortest step, as cell_step.
+    double shortest_step(const Point &place, double floor, std::size_t &culprit) const;
     /// Quality of each cell, in the order of `add`.
     void list_qualities(const Point &place, std::vector<double> &out) const;
 
@@ -37,7 +44,6 @@ class Star {
   private:
     std::vector<Block> _blocks;
     std::size_t _size = 0;
-    std::size_t _culprit = 0;      // block that spoiled the last place: mostly it spoils the next
     double _altitude_weight = 0.0; // 1 / altitude^2
     double _unit = 1.0;            // power of two: scaling rounds nothing
 };

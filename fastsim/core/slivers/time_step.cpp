@@ -1,7 +1,7 @@
 #include "slivers/time_step.hpp"
 
 #include "slivers/cell_step.hpp"
-#include "slivers/sliver_removal.hpp"
+#include "slivers/star.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -45,18 +45,20 @@ constexpr std::array<Point, 26> ways = [] {
 
 class TimeStep {
   public:
-    TimeStep(TetComplex &complex, Index num_fixed, double least_sine)
+    TimeStep(TetComplex &complex, Index num_fixed, std::vector<double> &sines, double least_sine)
         : _complex(complex), _num_fixed(num_fixed),
-          _most_work(least_work + complex.num_slots() / cells_for_work), _least_sine(least_sine) {
+          _most_work(least_work + complex.num_slots() / cells_for_work), _least_sine(least_sine),
+          _sines(sines) {
         _steps.resize(complex.num_slots(), infinite);
-        const std::vector<double> sines = cell_qualities(complex);
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
             if (complex.is_alive(static_cast<Index>(slot))) {
                 rate(static_cast<Index>(slot));
-                _smallest_sine = std::min(_smallest_sine, sines[slot]);
+                _smallest_sine = std::min(_smallest_sine, _sines[slot]);
             }
         _tried.assign(_steps.size(), 0);
         _changed.assign(complex.points.size(), 1);
+        _unmoved.assign(complex.points.size(), 0);
+        _unremoved.assign(complex.points.size(), 0);
         _bound = share_of_bound * boundary_bound();
     }
     ~TimeStep() { _complex.least_sine = 0.0; }
@@ -76,22 +78,15 @@ class TimeStep {
         }
     }
 
-    std::size_t count_slivers() const {
-        if (_smallest_sine >= told_sine)
-            return 0; // none is made
-        std::size_t count = 0;
-        for (std::size_t slot = 0; slot < _steps.size(); ++slot)
-            if (_complex.is_alive(static_cast<Index>(slot)) &&
-                cell_quality(_complex, _complex.cell(static_cast<Index>(slot))) < told_sine)
-                ++count;
-        return count;
-    }
-
   private:
     double step_of(Index c) const { return _steps[TetComplex::at(c)]; }
     void rate(Index c) {
         _steps[TetComplex::at(c)] =
             _complex.is_alive(c) ? cell_step(_complex, _complex.cell(c)) : infinite;
+    }
+    void rate_changed(Index c) {
+        rate(c);
+        _sines[TetComplex::at(c)] = cell_quality(_complex, _complex.cell(c));
     }
 
     /// The longest step that a cell on the thinnest facet can have.
@@ -137,15 +132,19 @@ class TimeStep {
 
     bool improve(Index c) {
         const Cell corners = _complex.cell(c);
-        for (const Index v : corners)
-            if (v >= _num_fixed && move_point(v))
-                return true;
-        if (flip_around(c))
-            return true;
-        for (const Index v : corners)
-            if (v >= _num_fixed && remove_point(v))
-                return true;
-        return false;
+        const auto any_inner = [&](std::vector<std::uint64_t> &in_vain, auto &&change) {
+            for (const Index v : corners) {
+                std::uint64_t &last = in_vain[TetComplex::at(v)];
+                if (v < _num_fixed || _changed[TetComplex::at(v)] <= last)
+                    continue;
+                if (change(v))
+                    return true;
+                last = _turn;
+            }
+            return false;
+        };
+        return any_inner(_unmoved, [&](Index v) { return move_point(v); }) || flip_around(c) ||
+               any_inner(_unremoved, [&](Index v) { return remove_point(v); });
     }
 
     /// Shortest step of cells that are to change. Their new ones have to keep the smallest sine.
@@ -153,7 +152,7 @@ class TimeStep {
         double shortest = infinite, sine = infinite;
         for (const Index c : cells) {
             shortest = std::min(shortest, step_of(c));
-            sine = std::min(sine, cell_quality(_complex, _complex.cell(c)));
+            sine = std::min(sine, _sines[TetComplex::at(c)]);
         }
         // Small angles stay as they are, and none gets smaller than that.
         const double small = std::max(small_sine, std::min(_smallest_sine, _least_sine));
@@ -188,29 +187,6 @@ class TimeStep {
         return false;
     }
 
-    /// Shortest step of the cells from the star's facets to a place, or 0 where one is no longer
-    /// than the floor. The facet that spoils it is asked first the next time.
-    double worst_from(const Point &place, double floor) {
-        double worst = infinite;
-        for (Triple &f : _facets) {
-            worst = std::min(worst, cell_step(_complex.points[TetComplex::at(f[1])],
-                                              _complex.points[TetComplex::at(f[0])],
-                                              _complex.points[TetComplex::at(f[2])], place));
-            if (!(worst > floor)) {
-                std::swap(f, _facets.front());
-                return 0.0;
-            }
-        }
-        return worst;
-    }
-
-    /// Whether the star's cells have their angles, seen from a point.
-    bool keeps_angles(Index point) {
-        return std::all_of(_facets.begin(), _facets.end(), [&](const Triple &f) {
-            return cell_quality(_complex, {f[1], f[0], f[2], point}) >= _complex.least_sine;
-        });
-    }
-
     bool move_point(Index point) {
         take_star(point);
         Point &place = _complex.points[TetComplex::at(point)];
@@ -221,26 +197,48 @@ class TimeStep {
             for (std::size_t i = 0; i < 3; ++i)
                 reach =
                     std::max(reach, std::abs(_complex.points[TetComplex::at(f[0])][i] - start[i]));
+        fill_star(reach, none);
         double best = bar;
         Point best_place = start;
+        std::array<std::size_t, ways.size()> culprits{}; // by direction
         for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
-            for (const Point &way : ways) {
+            for (std::size_t way = 0; way < ways.size(); ++way) {
+                Point candidate = best_place;
                 for (std::size_t i = 0; i < 3; ++i)
-                    place[i] = best_place[i] + step * way[i];
-                const double worst = worst_from(place, best);
-                if (worst > best && keeps_angles(point)) {
-                    best = worst;
-                    best_place = place;
-                }
+                    candidate[i] += step * ways[way][i];
+                if (is_longer(candidate, best, culprits[way]))
+                    best_place = candidate;
             }
+        if (!(best > bar))
+            return false;
+        // Steps are rounded; positivity is asked of the exact predicate.
         place = best_place;
-        if (!(best > bar) || !std::all_of(_cells.begin(), _cells.end(), [&](Index c) {
-                return _complex.orientation(_complex.cell(c)) > 0;
-            })) {
+        if (!std::all_of(_cells.begin(), _cells.end(),
+                         [&](Index c) { return _complex.orientation(_complex.cell(c)) > 0; })) {
             place = start;
             return false;
         }
         note(_cells);
+        return true;
+    }
+
+    /// The star's facets, without those at one point of it.
+    void fill_star(double reach, Index without) {
+        _star.clear(reach, 0.0);
+        for (const Triple &f : _facets)
+            if (f[0] != without && f[1] != without && f[2] != without)
+                _star.add(_complex.points[TetComplex::at(f[0])],
+                          _complex.points[TetComplex::at(f[1])],
+                          _complex.points[TetComplex::at(f[2])]);
+    }
+
+    /// Whether the star's cells at a place have longer steps than `best`, which is raised to them,
+    /// and their angles.
+    bool is_longer(const Point &place, double &best, std::size_t &culprit) {
+        const double shortest = _star.shortest_step(place, best, culprit);
+        if (!(shortest > best) || !(_star.worst(place, _complex.least_sine) > _complex.least_sine))
+            return false;
+        best = shortest;
         return true;
     }
 
@@ -261,24 +259,18 @@ class TimeStep {
             _near.insert(_near.end(), f.begin(), f.end());
         std::sort(_near.begin(), _near.end());
         _near.erase(std::unique(_near.begin(), _near.end()), _near.end());
-        const std::vector<Triple> around = _facets;
         double best = bar;
         Index into = none;
         for (const Index v : _near) {
-            _facets.clear();
-            for (const Triple &f : around)
-                if (f[0] != v && f[1] != v && f[2] != v)
-                    _facets.push_back(f);
-            const double worst = worst_from(_complex.points[TetComplex::at(v)], best);
-            if (worst > best && keeps_angles(v)) {
-                best = worst;
+            fill_star(bar, v);
+            std::size_t culprit = 0;
+            if (is_longer(_complex.points[TetComplex::at(v)], best, culprit))
                 into = v;
-            }
         }
         if (into == none)
             return false;
         _fresh.clear();
-        for (const Triple &f : around)
+        for (const Triple &f : _facets)
             if (f[0] != into && f[1] != into && f[2] != into)
                 _fresh.push_back({f[1], f[0], f[2], into});
         if (!std::all_of(_fresh.begin(), _fresh.end(),
@@ -292,9 +284,10 @@ class TimeStep {
     void note(const std::vector<Index> &cells) {
         ++_turn;
         _steps.resize(_complex.num_slots(), infinite);
+        _sines.resize(_complex.num_slots(), 0.0);
         _tried.resize(_complex.num_slots(), 0);
         for (const Index c : cells) {
-            rate(c);
+            rate_changed(c);
             if (step_of(c) < _limit)
                 _bad.emplace(step_of(c), c);
             for (const Index v : _complex.cell(c))
@@ -313,10 +306,13 @@ class TimeStep {
     std::priority_queue<Rated, std::vector<Rated>, std::greater<>> _bad;
     double _limit = 0.0;
     double _least_sine, _smallest_sine = infinite, _bound = 0.0;
+    std::vector<double> &_sines;         // by slot: the smallest of a cell's angles
     std::vector<double> _steps;          // by slot; infinite where no cell lives
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
+    std::vector<std::uint64_t> _unmoved, _unremoved; // by point: turn at which that was in vain
     std::uint64_t _turn = 1;
+    Star _star;
     std::vector<Index> _cells, _ring, _near;
     std::vector<Triple> _facets;
     std::vector<Cell> _fresh;
@@ -325,13 +321,10 @@ class TimeStep {
 
 } // namespace
 
-std::size_t lengthen_time_step(TetComplex &complex, Index num_fixed, double least_sine,
-                               Watch &watch) {
-    if (complex.num_slots() == 0)
-        return 0;
-    TimeStep work(complex, num_fixed, least_sine);
-    work.run(watch);
-    return work.count_slivers();
+void lengthen_time_step(TetComplex &complex, Index num_fixed, std::vector<double> &sines,
+                        double least_sine, Watch &watch) {
+    if (complex.num_slots() > 0)
+        TimeStep(complex, num_fixed, sines, least_sine).run(watch);
 }
 
 } // namespace fastsim

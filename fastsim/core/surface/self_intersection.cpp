@@ -171,41 +171,43 @@ double width(const Box &box) {
 
 // Whether any two facets meet: pairs of subtrees are halved together, which takes fewer boxes than
 // to look for the partners of one facet after the other.
-bool has_self_intersection(std::span<const Point> points, std::span<const Facet> facets,
-                           const BoxTree &tree) {
-    const std::span<const BoxTree::Node> nodes = tree.nodes();
-    const auto node = [&](Index n) -> const BoxTree::Node & {
-        return nodes[static_cast<std::size_t>(n)];
-    };
-    const auto facet = [&](Index n) -> const Facet & {
-        return facets[static_cast<std::size_t>(node(n).left)];
-    };
-    std::vector<std::array<Index, 2>> open{{0, 0}};
-    while (!open.empty()) {
-        const auto [a, b] = open.back();
-        open.pop_back();
+class PairsOfSubtrees {
+  public:
+    PairsOfSubtrees(std::span<const Point> points, std::span<const Facet> facets,
+                    const BoxTree &tree)
+        : _points(points), _facets(facets), _nodes(tree.nodes()) {}
+
+    [[nodiscard]] bool has_pair(Index n) const {
+        const BoxTree::Node &p = node(n);
+        return p.right >= 0 && (has_pair(p.left) || has_pair(p.right) || has_pair(p.left, p.right));
+    }
+
+  private:
+    [[nodiscard]] bool has_pair(Index a, Index b) const {
         const BoxTree::Node &p = node(a), &q = node(b);
-        if (a == b) {
-            if (p.right >= 0) {
-                open.insert(open.end(), {{p.right, p.right}, {p.left, p.right}, {p.left, p.left}});
-            }
-            continue;
-        }
         if (!boxes_overlap(p.box, q.box)) {
-            continue;
+            return false;
         }
         if (p.right < 0 && q.right < 0) {
-            if (facets_intersect(points, facet(a), facet(b))) {
-                return true;
-            }
-        } else if (q.right < 0 || (p.right >= 0 && width(p.box) > width(q.box))) {
-            open.insert(open.end(), {{p.right, b}, {p.left, b}});
-        } else {
-            open.insert(open.end(), {{a, q.right}, {a, q.left}});
+            return facets_intersect(_points, facet(p), facet(q));
         }
+        if (q.right < 0 || (p.right >= 0 && width(p.box) > width(q.box))) {
+            return has_pair(p.left, b) || has_pair(p.right, b);
+        }
+        return has_pair(a, q.left) || has_pair(a, q.right);
     }
-    return false;
-}
+
+    [[nodiscard]] const BoxTree::Node &node(Index n) const {
+        return _nodes[static_cast<std::size_t>(n)];
+    }
+    [[nodiscard]] const Facet &facet(const BoxTree::Node &leaf) const {
+        return _facets[static_cast<std::size_t>(leaf.left)];
+    }
+
+    std::span<const Point> _points;
+    std::span<const Facet> _facets;
+    std::span<const BoxTree::Node> _nodes;
+};
 
 } // namespace
 
@@ -217,7 +219,7 @@ std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point>
         return pairs;
     }
     const BoxTree tree(points, facets);
-    if (!has_self_intersection(points, facets, tree)) {
+    if (!PairsOfSubtrees(points, facets, tree).has_pair(0)) {
         return pairs;
     }
     const std::span<const BoxTree::Node> nodes = tree.nodes();

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.contact.body_contact import VertexCellDetector
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.mesher import delaunay, mesh_surface
+from palpate.fastsim.mesher import delaunay, mean_edge_length, mesh_surface
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import PointForce, Support
@@ -220,13 +220,11 @@ class Mesh(_Ours):
     """A surface filled with tetrahedra, its own facets unchanged."""
 
     def __init__(self, job: dict[str, Any]) -> None:
-        self._surface = TriSurface(job["points"], job["facets"])
+        surface = self._surface = TriSurface(job["points"], job["facets"])
+        # Asked for, as a number that a user types.
+        self._edge_length = _EDGES_INSIDE * mean_edge_length(surface.points, surface.facets)
 
     def advance(self, _num_steps: int) -> None:
         """Mesh from the surface to the finished mesh, clean-up included."""
-        corners = self._surface.points[self._surface.facets]
-        mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
-        mesh = mesh_surface(
-            self._surface, edge_length=_EDGES_INSIDE * mean_edge, lengthens_step=True
-        )
+        mesh = mesh_surface(self._surface, edge_length=self._edge_length, lengthens_step=True)
         self.result = {"points": mesh.points, "cells": mesh.cells}
