@@ -104,9 +104,7 @@ class TetMesh:
         bad = np.flatnonzero(~(volumes > 0.0))
         if bad.size:
             raise InvertedCellError(bad.tolist(), volumes[bad].tolist())
-        is_used = np.zeros(len(points), dtype=bool)
-        is_used[cells.ravel()] = True
-        unused = np.flatnonzero(~is_used)
+        unused = np.flatnonzero(np.bincount(cells.ravel(), minlength=len(points)) == 0)
         if unused.size:
             raise MeshError(
                 f"{unused.size} point(s) belong to no cell, first {int(unused[0])}; drop them"

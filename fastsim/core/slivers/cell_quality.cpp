@@ -1,6 +1,7 @@
 #include "slivers/cell_quality.hpp"
 
 #include "predicates/length.hpp"
+#include "slivers/cell_step.hpp"
 #include "slivers/wide.hpp"
 
 #include <algorithm>
@@ -98,6 +99,13 @@ template <typename T> struct CellShape {
         lower<T>(quality, quality_at_wanted_altitude * altitude / wanted_altitude);
     }
 
+    // As cell_step.
+    inline __attribute__((always_inline)) void find_step(T &step) const {
+        T sum = (fa + fb) + (fc + fd);
+        take_root(sum);
+        step = six_volumes / sum;
+    }
+
     // Not below 0 where the longest edge is `ratio` times as long as the shortest, or longer.
     inline __attribute__((always_inline)) void find_excess(T &excess, double squared_ratio) const {
         T shortest = ab, longest = ab;
@@ -139,7 +147,7 @@ bool is_told(double sine) { return sine != 0.0 && std::isfinite(sine); }
 /// Four cells, corner by corner and axis by axis.
 PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
                             double wanted_altitude, double squared_ratio, double *sines,
-                            double *qualities, double *excesses) {
+                            double *qualities, double *steps, double *excesses) {
     Four x[4][3];
     for (std::size_t i = 0; i < 4; ++i)
         for (std::size_t j = 0; j < 3; ++j)
@@ -151,6 +159,9 @@ PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
     if (wanted_altitude > 0.0)
         shape.lower_by_altitude(quality, wanted_altitude);
     std::memcpy(qualities, &quality, sizeof quality);
+    Four step;
+    shape.find_step(step);
+    std::memcpy(steps, &step, sizeof step);
     Four excess;
     shape.find_excess(excess, squared_ratio);
     std::memcpy(excesses, &excess, sizeof excess);
@@ -189,7 +200,7 @@ double squared_ratio_of(double limit) { return (1.0 + 1.99 * limit) * (1.0 + 1.9
 void rate_few(const TetComplex &complex, std::span<const Index> cells, double wanted_altitude,
               CellRatings &ratings) {
     std::array<double, lanes> corners[4][3];
-    std::array<double, lanes> sines, qualities, excesses;
+    std::array<double, lanes> sines, qualities, steps, excesses;
     for (std::size_t l = 0; l < lanes; ++l) {
         // What is no cell is rated as another, and that is not looked at.
         const Cell &cell = complex.cell(cells[std::min(l, cells.size() - 1)]);
@@ -200,13 +211,16 @@ void rate_few(const TetComplex &complex, std::span<const Index> cells, double wa
         }
     }
     rate_four(corners, wanted_altitude, squared_ratio_of(largest_deviation), sines.data(),
-              qualities.data(), excesses.data());
+              qualities.data(), steps.data(), excesses.data());
     for (std::size_t l = 0; l < cells.size(); ++l) {
         const std::size_t slot = TetComplex::at(cells[l]);
-        if (!is_told(sines[l]) && complex.is_alive(cells[l]))
+        if (!is_told(sines[l]) && complex.is_alive(cells[l])) {
             sines[l] = qualities[l] = rate(shape_of(complex, complex.cell(cells[l])), 0.0);
+            steps[l] = cell_step(complex, complex.cell(cells[l]));
+        }
         ratings.sines[slot] = sines[l];
         ratings.qualities[slot] = qualities[l];
+        ratings.steps[slot] = steps[l];
         ratings.is_uneven[slot] = excesses[l] >= 0.0 ? 1 : 0;
     }
 }
@@ -238,7 +252,7 @@ double cell_quality_above(const TetComplex &complex, const Cell &cell, double fl
 CellRatings rate_all_cells(const TetComplex &complex, double wanted_altitude) {
     const std::size_t count = complex.num_slots();
     CellRatings ratings{std::vector<double>(count), std::vector<double>(count),
-                        std::vector<char>(count)};
+                        std::vector<double>(count), std::vector<char>(count)};
     for (std::size_t first = 0; first < count; first += lanes) {
         std::array<Index, lanes> slots{};
         const std::size_t size = std::min(lanes, count - first);
@@ -252,6 +266,7 @@ CellRatings rate_all_cells(const TetComplex &complex, double wanted_altitude) {
 void rate_cells(const TetComplex &complex, std::span<const Index> cells, CellRatings &ratings) {
     ratings.sines.resize(complex.num_slots());
     ratings.qualities.resize(complex.num_slots());
+    ratings.steps.resize(complex.num_slots());
     ratings.is_uneven.resize(complex.num_slots());
     for (std::size_t first = 0; first < cells.size(); first += lanes)
         rate_few(complex, cells.subspan(first, std::min(lanes, cells.size() - first)),

@@ -25,6 +25,7 @@ constexpr double largest_deviation = 0.45;
 struct CellRatings {
     std::vector<double> sines;     // the smallest of a cell's angles
     std::vector<double> qualities; // by altitude too
+    std::vector<double> steps;     // as cell_step
     std::vector<char> is_uneven;   // 0 where edge_length_deviation surely is below its threshold
 };
 

@@ -141,29 +141,33 @@ void Star::clear(double scale, double altitude) {
 }
 
 void Star::add(const Point &a, const Point &b, const Point &c) {
-    const std::size_t l = _size % lanes;
-    const std::array<Point, 3> corners{a, b, c};
-    Point ab, ac, bc;
-    if (l == 0)
+    const std::size_t first = _size % lanes;
+    if (first == 0)
         _blocks.emplace_back();
     Block &block = _blocks.back();
-    const std::size_t last = l == 0 ? lanes : l + 1; // a new block repeats its first facet
-    for (std::size_t lane = l; lane < last; ++lane) {
-        for (std::size_t i = 0; i < 3; ++i) {
-            block.a[i][lane] = corners[0][i] * _unit;
-            block.b[i][lane] = corners[1][i] * _unit;
-            block.c[i][lane] = corners[2][i] * _unit;
-            ab[i] = (b[i] - a[i]) * _unit;
-            ac[i] = (c[i] - a[i]) * _unit;
-            bc[i] = (c[i] - b[i]) * _unit;
-        }
-        const Point n{ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2],
-                      ab[0] * ac[1] - ab[1] * ac[0]};
-        block.squared_area[lane] = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        block.ab[lane] = ab[0] * ab[0] + ab[1] * ab[1] + ab[2] * ab[2];
-        block.bc[lane] = bc[0] * bc[0] + bc[1] * bc[1] + bc[2] * bc[2];
-        block.ca[lane] = ac[0] * ac[0] + ac[1] * ac[1] + ac[2] * ac[2];
+    Point ab, ac, bc;
+    for (std::size_t i = 0; i < 3; ++i) {
+        ab[i] = (b[i] - a[i]) * _unit;
+        ac[i] = (c[i] - a[i]) * _unit;
+        bc[i] = (c[i] - b[i]) * _unit;
     }
+    const Point n{ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2],
+                  ab[0] * ac[1] - ab[1] * ac[0]};
+    const auto put = [&](Lane &lane, double x) {
+        if (first == 0)
+            lane.fill(x); // a new block repeats its first facet
+        else
+            lane[first] = x;
+    };
+    for (std::size_t i = 0; i < 3; ++i) {
+        put(block.a[i], a[i] * _unit);
+        put(block.b[i], b[i] * _unit);
+        put(block.c[i], c[i] * _unit);
+    }
+    put(block.squared_area, n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    put(block.ab, ab[0] * ab[0] + ab[1] * ab[1] + ab[2] * ab[2]);
+    put(block.bc, bc[0] * bc[0] + bc[1] * bc[1] + bc[2] * bc[2]);
+    put(block.ca, ac[0] * ac[0] + ac[1] * ac[1] + ac[2] * ac[2]);
     ++_size;
 }
 

@@ -45,16 +45,15 @@ constexpr std::array<Point, 26> ways = [] {
 
 class TimeStep {
   public:
-    TimeStep(TetComplex &complex, Index num_fixed, std::vector<double> &sines, double least_sine)
+    TimeStep(TetComplex &complex, Index num_fixed, CellRatings &ratings, double least_sine)
         : _complex(complex), _num_fixed(num_fixed),
           _most_work(least_work + complex.num_slots() / cells_for_work), _least_sine(least_sine),
-          _sines(sines) {
-        _steps.resize(complex.num_slots(), infinite);
+          _ratings(ratings), _steps(ratings.steps) {
         for (std::size_t slot = 0; slot < _steps.size(); ++slot)
-            if (complex.is_alive(static_cast<Index>(slot))) {
-                rate(static_cast<Index>(slot));
-                _smallest_sine = std::min(_smallest_sine, _sines[slot]);
-            }
+            if (complex.is_alive(static_cast<Index>(slot)))
+                _smallest_sine = std::min(_smallest_sine, ratings.sines[slot]);
+            else
+                _steps[slot] = infinite;
         _tried.assign(_steps.size(), 0);
         _changed.assign(complex.points.size(), 1);
         _unmoved.assign(complex.points.size(), 0);
@@ -80,14 +79,6 @@ class TimeStep {
 
   private:
     double step_of(Index c) const { return _steps[TetComplex::at(c)]; }
-    void rate(Index c) {
-        _steps[TetComplex::at(c)] =
-            _complex.is_alive(c) ? cell_step(_complex, _complex.cell(c)) : infinite;
-    }
-    void rate_changed(Index c) {
-        rate(c);
-        _sines[TetComplex::at(c)] = cell_quality(_complex, _complex.cell(c));
-    }
 
     /// The longest step that a cell on the thinnest facet can have.
     double boundary_bound() const {
@@ -152,7 +143,7 @@ class TimeStep {
         double shortest = infinite, sine = infinite;
         for (const Index c : cells) {
             shortest = std::min(shortest, step_of(c));
-            sine = std::min(sine, _sines[TetComplex::at(c)]);
+            sine = std::min(sine, _ratings.sines[TetComplex::at(c)]);
         }
         // Small angles stay as they are, and none gets smaller than that.
         const double small = std::max(small_sine, std::min(_smallest_sine, _least_sine));
@@ -283,19 +274,17 @@ class TimeStep {
 
     void note(const std::vector<Index> &cells) {
         ++_turn;
-        _steps.resize(_complex.num_slots(), infinite);
-        _sines.resize(_complex.num_slots(), 0.0);
+        rate_cells(_complex, cells, _ratings);
         _tried.resize(_complex.num_slots(), 0);
         for (const Index c : cells) {
-            rate_changed(c);
             if (step_of(c) < _limit)
                 _bad.emplace(step_of(c), c);
             for (const Index v : _complex.cell(c))
                 _changed[TetComplex::at(v)] = _turn;
         }
-        // Those that are gone.
         for (const Index c : _cells)
-            rate(c);
+            if (!_complex.is_alive(c))
+                _steps[TetComplex::at(c)] = infinite;
     }
 
     TetComplex &_complex;
@@ -306,8 +295,8 @@ class TimeStep {
     std::priority_queue<Rated, std::vector<Rated>, std::greater<>> _bad;
     double _limit = 0.0;
     double _least_sine, _smallest_sine = infinite, _bound = 0.0;
-    std::vector<double> &_sines;         // by slot: the smallest of a cell's angles
-    std::vector<double> _steps;          // by slot; infinite where no cell lives
+    CellRatings &_ratings;
+    std::vector<double> &_steps;         // by slot; infinite where no cell lives
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
     std::vector<std::uint64_t> _unmoved, _unremoved; // by point: turn at which that was in vain
@@ -321,10 +310,10 @@ class TimeStep {
 
 } // namespace
 
-void lengthen_time_step(TetComplex &complex, Index num_fixed, std::vector<double> &sines,
+void lengthen_time_step(TetComplex &complex, Index num_fixed, CellRatings &ratings,
                         double least_sine, Watch &watch) {
     if (complex.num_slots() > 0)
-        TimeStep(complex, num_fixed, sines, least_sine).run(watch);
+        TimeStep(complex, num_fixed, ratings, least_sine).run(watch);
 }
 
 } // namespace fastsim

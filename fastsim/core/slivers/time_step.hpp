@@ -11,9 +11,9 @@ namespace fastsim {
 
 /// Lengthens the stable step of the worst cell, up to what the thinnest facet of the boundary
 /// allows. A changed cell keeps the smallest angle that was around it, or `least_sine` where that
-/// is less. Points numbered below `num_fixed` stay. `sines` are the smallest of each cell's angles,
-/// by slot, before and after.
-void lengthen_time_step(TetComplex &complex, Index num_fixed, std::vector<double> &sines,
+/// is less. Points numbered below `num_fixed` stay. The ratings are those of the cells, without
+/// altitudes, before and after.
+void lengthen_time_step(TetComplex &complex, Index num_fixed, CellRatings &ratings,
                         double least_sine, Watch &watch);
 
 } // namespace fastsim
