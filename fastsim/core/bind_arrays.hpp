@@ -62,6 +62,13 @@ nb::ndarray<nb::numpy, T> as_table(const std::vector<std::array<T, width>> &rows
     return as_table(std::span<const std::array<T, width>>(rows));
 }
 
+// A table in the memory of its owner, which lives as long as the array does. Nothing is copied.
+template <typename T, std::size_t width>
+nb::ndarray<nb::numpy, const T> as_view(const std::vector<std::array<T, width>> &rows,
+                                        nb::handle owner) {
+    return {reinterpret_cast<const T *>(rows.data()), {rows.size(), width}, owner};
+}
+
 template <typename T> nb::ndarray<nb::numpy, T> as_column(std::span<const T> values) {
     auto column = new_array<T>({values.size()});
     std::copy(values.begin(), values.end(), column.data());

@@ -117,10 +117,9 @@ void bind_mesher(nb::module_ &module) {
 
     using Mesh = SurfaceMesh;
     nb::class_<Mesh>(module, "SurfaceMesh")
-        .def_prop_ro(
-            "points", [](const Mesh &mesh) { return as_table(mesh.points); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "cells", [](const Mesh &mesh) { return as_table(mesh.cells); }, nb::rv_policy::move)
+        .def_prop_ro("points",
+                     [](const Mesh &mesh) { return as_view(mesh.points, nb::find(mesh)); })
+        .def_prop_ro("cells", [](const Mesh &mesh) { return as_view(mesh.cells, nb::find(mesh)); })
         .def_prop_ro("missing_edges", [](const Mesh &mesh) { return mesh.recovery.missing_edges; })
         .def_prop_ro("missing_facets",
                      [](const Mesh &mesh) { return mesh.recovery.missing_facets; })
