@@ -27,6 +27,10 @@ class Element(Enum):
     linear = 0
     smoothed = 1
 
+def bound_cell_stiffness(
+    points: Floats, cells: Ints, lmbda: float, mu: float
+) -> tuple[float, Floats, Floats]: ...
+
 class ElasticBody:
     def __init__(
         self, points: Floats, cells: Ints, materials: Floats, material_of: Ints,

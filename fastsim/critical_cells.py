@@ -10,6 +10,7 @@ c, whatever lies behind it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,14 +20,11 @@ from palpate.fastsim import _core
 from palpate.fastsim.body import Body, lame_parameters
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Material
-from palpate.meshes.quality import gradient_products
-from palpate.meshes.tet_mesh import EDGES, TetMesh
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.triangles import facet_areas, side_lengths
 
 # Largest number of cells listed for a mesh.
 MOST_TOLD = 10
-# Cells processed at once: few enough for the processor's cache.
-_BLOCK = 2048
 # Altitudes to mesh for, in units of c times the target: a good cell's step is about half its
 # smallest altitude over c.
 _FACTORS = (0.0, 2.0, 2.5, 3.0)
@@ -105,24 +103,12 @@ def _bounds(mesh: TetMesh, material: Material) -> tuple[float, Floats, float]:
     Returns:
         The angle, the upper bounds, shape (num_cells,), and the tenth of the largest lower bounds.
     """
-    lmbda, mu = lame_parameters(material)
-    largest_cosine, upper, lowest = -1.0, np.empty(mesh.num_cells), np.zeros(0)
-    for first in range(0, mesh.num_cells, _BLOCK):
-        block = slice(first, first + _BLOCK)
-        products = gradient_products(mesh.points, mesh.cells[block])
-        length = np.sqrt(products[range(4), range(4)])
-        for a, b in EDGES:
-            cosine = -products[a, b] / (length[a] * length[b])
-            largest_cosine = max(largest_cosine, float(cosine.max()))
-        trace = (length**2).sum(axis=0)
-        squares = (products**2).sum(axis=(0, 1))
-        upper[block] = np.sqrt(
-            (lmbda**2 + mu**2) * trace**2 + (5.0 * mu**2 + 4.0 * lmbda * mu) * squares
-        )
-        lower = lmbda * trace + 2.0 * mu * squares / trace
-        lowest = np.sort(np.concatenate([lowest, lower]))[-MOST_TOLD:]
-    angle = float(np.degrees(np.arccos(min(largest_cosine, 1.0))))
-    return angle, upper, float(lowest[0])
+    cosine, upper, lower = _core.bound_cell_stiffness(
+        mesh.points, mesh.cells, *lame_parameters(material)
+    )
+    tenth = min(MOST_TOLD, len(lower))
+    angle = math.degrees(math.acos(min(cosine, 1.0)))
+    return angle, upper, float(np.partition(lower, -tenth)[-tenth])
 
 
 def wave_speed(material: Material) -> float:

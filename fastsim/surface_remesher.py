@@ -21,6 +21,7 @@ from palpate.meshes.arrays import Floats, Indices, Integers, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.percent import Percent
 from palpate.meshes.shapes import require_positive
+from palpate.meshes.shells import Shell, ShellKind
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import SelfIntersectionError, TriSurface
 from palpate.meshes.triangles import facet_normals, side_lengths
@@ -314,10 +315,11 @@ def mean_edge_length(points: Points, facets: Indices) -> float:
     return float(side_lengths(points[facets]).mean())
 
 
-def require_solid(surface: TriSurface) -> None:
+def require_solid(surface: TriSurface) -> list[Shell]:
     """As `surface_checks.require_closed`, of which a plain shell is spared the work."""
-    if not _core.is_plain_shell(surface.points, surface.facets):
-        require_closed(surface)
+    if _core.is_plain_shell(surface.points, surface.facets):
+        return [Shell(np.arange(surface.num_facets), surface.volume, (), ShellKind.OUTSIDE)]
+    return require_closed(surface)
 
 
 def require_no_self_intersection(points: Points, facets: Indices, *, most: int) -> None:

@@ -28,28 +28,6 @@ def dihedral_angles(points: Points, cells: Indices) -> Floats:
     return angles
 
 
-def gradient_products(points: Points, cells: Indices) -> Floats:
-    """Products g_a . g_b of the gradients of the four shape functions [1/m2], shape (4, 4, n).
-
-    `cells` have positive volumes. Row by row, so that a block of cells stays in the cache.
-    """
-    origin = points[cells[:, 0]]
-    # Components first: (3, n).
-    u, v, w = ((points[cells[:, k]] - origin).T for k in (1, 2, 3))
-    normals = np.empty((4, *u.shape))
-    for k, (a, b) in enumerate(((v, w), (w, u), (u, v)), start=1):
-        for i in range(3):
-            j, m = (i + 1) % 3, (i + 2) % 3
-            normals[k, i] = a[j] * b[m] - a[m] * b[j]
-    normals[0] = -(normals[1] + normals[2] + normals[3])
-    gradients = normals / (u * normals[1]).sum(axis=0)
-    products = np.empty((4, 4, len(cells)))
-    for a in range(4):
-        for b in range(a, 4):
-            products[a, b] = products[b, a] = (gradients[a] * gradients[b]).sum(axis=0)
-    return products
-
-
 def edge_lengths(points: Points, cells: Indices) -> Floats:
     """Lengths of the six edges of each cell [m], shape (num_cells, 6)."""
     ends = points[cells[:, EDGES]]

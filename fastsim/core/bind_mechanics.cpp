@@ -1,5 +1,6 @@
 // Bindings of the mechanics: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
+#include "mechanics/cell_bounds.hpp"
 #include "mechanics/elastic_body.hpp"
 #include "mechanics/smoothed_bound.hpp"
 
@@ -247,4 +248,21 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("b").noconvert(), nb::arg("is_free").noconvert(), nb::arg("absolute_tolerance"),
             nb::arg("max_iterations"), nb::arg("uses_multigrid"));
+
+    module.def(
+        "bound_cell_stiffness",
+        [](GivenPoints points, GivenCells cells, double lmbda, double mu) {
+            auto upper = new_array<double>({cells.shape(0)});
+            auto lower = new_array<double>({cells.shape(0)});
+            double largest_cosine = 0.0;
+            {
+                nb::gil_scoped_release release;
+                largest_cosine = bound_cell_stiffness(as_rows<Point>(points),
+                                                      as_rows<std::array<Index, 4>>(cells), lmbda,
+                                                      mu, as_span(upper), as_span(lower));
+            }
+            return std::make_tuple(largest_cosine, upper, lower);
+        },
+        nb::arg("points").noconvert(), nb::arg("cells").noconvert(), nb::arg("lmbda"),
+        nb::arg("mu"));
 }

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from limits import run_limited
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
@@ -156,3 +157,19 @@ def test_checker_finds_a_cell_that_is_missing_at_the_hull() -> None:
     # A cell missing inside leaves a hole, whose facets bend inwards.
     inner = next(c for c in range(len(cells)) if c not in set((first[count == 1] // 4).tolist()))
     assert find_fault(points, np.delete(cells, inner, axis=0)) is not None
+
+
+def test_a_point_that_every_facet_sees_takes_memory_for_the_facets_alone() -> None:
+    """A body with a dense surface and a coarse inside; a table of all pairs of corners had 4 GB."""
+    code = """
+import numpy as np
+from palpate.fastsim.mesher import delaunay
+points = np.random.default_rng(5).normal(size=(25000, 3))
+points /= np.linalg.norm(points, axis=1, keepdims=True)
+cells, _ = delaunay(np.vstack([points, np.zeros((1, 3))]))
+print(len(cells), (cells == 25000).any(axis=1).all())
+"""
+    done = run_limited(code, most_bytes=2e9)
+    assert done.returncode == 0, done.stderr[-2000:]
+    # By Euler's formula the hull of points on a sphere has 2 n - 4 triangles.
+    assert done.stdout.split() == [str(2 * 25000 - 4), "True"]

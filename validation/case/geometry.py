@@ -14,6 +14,7 @@ from palpate.fastsim.exact_repair.solid_repair import EntangledError, repair_to_
 from palpate.fastsim.exact_repair.wrap import WrapError, wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
 from palpate.fastsim.nested_bodies import CrossingBodiesError
+from palpate.fastsim.surface_remesher import require_solid
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import read_surface
@@ -29,7 +30,6 @@ from palpate.meshes.shapes import (
     shape_tube,
 )
 from palpate.meshes.shells import turn_bodies
-from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import (
     DegenerateFacetError,
     DuplicateFacetError,
@@ -152,12 +152,12 @@ def load_surface(
         raise
     with advised(path, surface, is_as_given=is_as_given, notes=notes):
         try:
-            shells = require_closed(surface)
+            shells = require_solid(surface)
         except OrientationError:
             surface, count = turn_bodies(surface)
             if not count:
                 raise
-            shells = require_closed(surface)
+            shells = require_solid(surface)
             notes.append(f"{count} facet(s) of bodies that faced inwards turned round")
     if len(shells) > 1:
         kinds = Counter(str(shell.kind) for shell in shells)

@@ -149,10 +149,7 @@ void Triangulation::fill(Index point) {
     const Point centre = place(point);
     _spokes.clear();
     // A sphere of f triangles has f / 2 + 2 corners; each directed edge is met once.
-    const std::size_t row = _openings.size() / 2 + 2;
-    if (_sides.size() < row * row) {
-        _sides.resize(2 * row * row);
-    }
+    _sides.start(_openings.size() / 2 + 2, 3 * _openings.size());
     _fresh.clear();
     std::size_t reused = 0;
     for (const Opening &opening : _openings) {
@@ -181,16 +178,16 @@ void Triangulation::fill(Index point) {
         } else {
             set_sphere(fresh, _spokes[lp], _spokes[lq], _spokes[lr]);
         }
-        _sides[lq * row + lr] = 4 * fresh + 1;
-        _sides[lr * row + lp] = 4 * fresh + 2;
-        _sides[lp * row + lq] = 4 * fresh + 3;
+        _sides(lq, lr) = 4 * fresh + 1;
+        _sides(lr, lp) = 4 * fresh + 2;
+        _sides(lp, lq) = 4 * fresh + 3;
         _fresh.push_back({fresh, lp, lq, lr});
     }
     for (const auto &[fresh, lp, lq, lr] : _fresh) {
         auto &neighbour = _cells[at(fresh)].neighbour;
-        neighbour[1] = _sides[lr * row + lq];
-        neighbour[2] = _sides[lp * row + lr];
-        neighbour[3] = _sides[lq * row + lp];
+        neighbour[1] = _sides(lr, lq);
+        neighbour[2] = _sides(lp, lr);
+        neighbour[3] = _sides(lq, lp);
     }
     _hint = _fresh.back().cell;
     for (; reused < _cavity.size(); ++reused) {

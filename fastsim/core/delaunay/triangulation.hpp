@@ -16,6 +16,7 @@
 // exact predicate where that cannot tell (after the stored minors of Marot, Pellerin, Remacle
 // 2019, "One machine, one minute, three billion tetrahedra").
 
+#include "delaunay/directed_edges.hpp"
 #include "mesher/watch.hpp"
 #include "predicates/predicates.hpp"
 
@@ -104,7 +105,7 @@ class Triangulation {
     std::vector<Opening> _openings;
     std::vector<Spoke> _spokes;
     std::vector<Fresh> _fresh;
-    std::vector<Index> _sides;      // directed edge of the cavity's surface -> side of a new cell
+    DirectedEdges _sides;           // of the cavity's surface -> side of a new cell
     double _smallest_trusted = 0.0; // below this a determinant may have underflowed
     std::uint32_t _stamp = 0;
     Index _hint = 0;
