@@ -271,7 +271,7 @@ LINES = {
         "issue 33: stresses by one compiled expression, no listing of forms at each",
     ),
     "validation": (
-        54150,
+        54160,
         "issue 37: commands loaded one by one, fTetWild, the cells that decide the time step; "
         "issue 35: cells under compression; "
         "issue 38: what three new users stopped at: refusals, sizes, waits, next steps; "
@@ -289,7 +289,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        66420,
+        66440,
         "issue 39: truths of what is judged; "
         "issue 37: the cells that decide the time step; text at once as word by word; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "
@@ -355,7 +355,7 @@ LINES = {
         "where a motion leaves; issue 36: verdicts on measurements; issue 39: corners and branches",
     ),
     "validation/live": (
-        3470,
+        3480,
         "issue 38: a tool that was stopped says so until it moves, reasons in the page's units; "
         "issue 38: poses too deep and bodies too large are refused at once; "
         "issue 35: small cells where the page's tool touches first; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -70,17 +71,34 @@ def _forms(problem: Problem, law: ContactLaw | None) -> list[ContactForm]:
     return forms
 
 
-def _require_averages_outside(contact: ToolContact, number: int, displacement: Points) -> None:
-    """Refuse averages over facets that the first step would push out at once.
-
-    Of a tool that is small beside the facets they are negative before it touches.
-    """
+def _averages_at_start(contact: ToolContact, displacement: Points) -> Floats:
+    """Average gaps over facets at the start of the tool's path [m], one for each constraint."""
     pose = poses_at(contact.tool.path, contact.tool.path.times[:1])[0]
-    averages = contact.sampling.averaged(contact.gaps(displacement, pose).distances[:, None])
+    averages: Floats = contact.sampling.averaged(
+        contact.gaps(displacement, pose).distances[:, None]
+    )[:, 0]
+    return averages
+
+
+def depth_at_start(problem: Problem) -> float:
+    """How deep a body at rest is in its tools by averages over facets [m]; at most 0 outside.
+
+    Averages are negative before a tool touches that is small beside the facets. Explicit steps
+    refuse such a start.
+    """
+    contacts = [ToolContact(problem, tool) for tool in problem.tools if _is_over_facets(tool)]
+    at_rest = np.zeros_like(problem.mesh.points)
+    smallest = [_averages_at_start(c, at_rest).min(initial=math.inf) for c in contacts]
+    return -float(min(smallest, default=math.inf))
+
+
+def _require_averages_outside(contact: ToolContact, number: int, displacement: Points) -> None:
+    """Refuse averages over facets that the first step would push out at once."""
+    averages = _averages_at_start(contact, displacement)
     if averages.size and averages.min() < 0.0:
         worst = int(np.argmin(averages))
         x, y, z = contact.vertex_positions(displacement)[worst].tolist()
-        raise ToolInsideError(number, -float(averages[worst, 0]), 0.0, (x, y, z))
+        raise ToolInsideError(number, -float(averages[worst]), 0.0, (x, y, z))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import half_thickness
 from palpate.fastsim.contact.errors import ToolTooSmallError
+from palpate.fastsim.contact.explicit_tools import depth_at_start
 from palpate.fastsim.explicit_body import SAFETY
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
@@ -37,6 +38,10 @@ _RAMP = 0.5
 _RADIUS, _GAPS = 0.12, 1.5
 # The radius of a patch that is grabbed, in the same terms: it contains some vertices.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
+# A tool that begins in the body by averages is moved back by so many times its depth, so many
+# times at most: an average of distances grows by nearly as much as all of them do.
+# And by this part of the longest side.
+_FARTHER, _MOST_MOVES_BACK, _LEAST_BACK = 1.1, 20, 1e-6
 # The keys of a case's own tool that the page's tool takes over.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface", "contact"}
 # Initial distance of the tool from the body, as a fraction of the longest side.
@@ -240,6 +245,14 @@ def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCa
         "num_outputs": 1,
     }
     problem = problem_of(case, data)
+    # A case's own tool may begin at the body, as deep in it by averages over facets.
+    for _ in range(_MOST_MOVES_BACK):
+        depth = depth_at_start(problem)
+        if not depth > 0.0:
+            break
+        start = np.round(start + outwards * (_FARTHER * depth / unit + _LEAST_BACK * side), 9)
+        pose["position"] = start.tolist()
+        problem = problem_of(case, data)
     thin, gap = half_thickness(problem.tools[0].shape), _largest_gap(case.mesh.mesh)
     if thin < gap:
         raise ToolTooSmallError(0, thin, gap)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.fastsim.contact.explicit_tools import depth_at_start
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
@@ -56,6 +57,20 @@ def test_the_force_on_the_tool_is_that_of_statics(serving) -> None:
         moved = positions[1] - live.problem.mesh.points[server.simulation.surface.used] * 1e3
         assert moved[:, 0].min() == pytest.approx(-2.0, abs=0.05)
         assert heads[-1]["panes"][1]["volume"] < 0.0
+
+
+def test_the_tool_of_a_case_begins_where_explicit_steps_can() -> None:
+    """The ball of press begins at the slab; averages over facets are in it already."""
+    case = load_case("press")
+    assert depth_at_start(case.problem) > 0.0
+    live = live_case(case, Touch(), (Element.LINEAR,))
+    assert -2e-4 < depth_at_start(live.problem) <= 0.0
+    # Back along its own way, by less than what the ball (30 mm) lies off a facet's edge (7.5 mm).
+    ways = [np.array(pose.position) for pose in case.spec.tool[0].pose]
+    back = live.start - ways[0]
+    np.testing.assert_allclose(np.cross(back, ways[0] - ways[1]), 0.0, atol=1e-6)
+    assert 0.0 < np.linalg.norm(back) < 7.5**2 / (2.0 * 30.0)
+    ExplicitPane(live.problem, Surface(live.problem), Strain.GREEN, Element.LINEAR)
 
 
 def test_the_pull_of_a_grip_is_that_of_statics(serving) -> None:
