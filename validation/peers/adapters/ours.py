@@ -10,9 +10,10 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.contact.body_contact import VertexCellDetector
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.mesher import delaunay, mean_edge_length, mesh_surface
+from palpate.fastsim.mesher import delaunay, mesh_surface
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
 from palpate.fastsim.statics import solve_static
+from palpate.fastsim.surface_remesher import mean_edge_length
 from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
