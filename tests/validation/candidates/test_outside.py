@@ -70,8 +70,8 @@ def test_at_the_time_limit_the_whole_process_group_ends(
         f"open({str(mark)!r}, 'w').write(str(child.pid))\n"
         "print('still at it', flush=True)\ntime.sleep(60)\n"
     )
-    with pytest.raises(CandidateFailedError, match=r"no result within 1\.5 s"):
-        script(body, 1.5).run(problem, Strain.GREEN, in_silence)
+    with pytest.raises(CandidateFailedError, match="no result within 5 s"):
+        script(body, 5.0).run(problem, Strain.GREEN, in_silence)
     child = int(mark.read_text())
     for _ in range(100):
         if not is_running(child):
