@@ -39,6 +39,7 @@ if [ -n "${FUZZ_SECONDS:-}" ]; then
     "${under[@]}" tests/fuzz_surfaces.py --seconds "$FUZZ_SECONDS" --seed "${FUZZ_SEED:-0}"
     exit
 fi
-# dolfinx brings an MPI that the sanitizers do not like; benchmarks time, and find nothing.
+# dolfinx brings an MPI that the sanitizers do not like; nightly tests have limits of time that a
+# build for sanitizers does not meet.
 "${under[@]}" -m pytest -q -p no:cacheprovider \
-    -m "not dolfinx and not slow" --ignore=tests/fastsim/gpu --timeout 1200 "${@:-tests/fastsim}"
+    -m "not dolfinx and not slow and not nightly" --ignore=tests/fastsim/gpu --timeout 1200 "${@:-tests/fastsim}"
