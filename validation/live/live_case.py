@@ -38,10 +38,9 @@ _RAMP = 0.5
 _RADIUS, _GAPS = 0.12, 1.5
 # The radius of a patch that is grabbed, in the same terms: it contains some vertices.
 _PATCH, _GAPS_OF_PATCH = 0.15, 1.5
-# A tool that begins in the body by averages is moved back by so many times its depth, so many
-# times at most: an average of distances grows by nearly as much as all of them do.
-# And by this part of the longest side.
-_FARTHER, _MOST_MOVES_BACK, _LEAST_BACK = 1.1, 20, 1e-6
+# A tool that begins in the body by averages is moved back by so many times its depth, and this part
+# of the longest side, so many times at most: averages of distances grow nearly as these do.
+_FARTHER, _LEAST_BACK, _MOST_MOVES_BACK = 1.1, 1e-6, 20
 # The keys of a case's own tool that the page's tool takes over.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface", "contact"}
 # Initial distance of the tool from the body, as a fraction of the longest side.

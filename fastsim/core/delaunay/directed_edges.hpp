@@ -1,6 +1,8 @@
 #pragma once
 // Numbers by directed edge of a cavity's surface.
 
+#include "mesher/tet_complex.hpp"
+
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -33,9 +35,7 @@ class DirectedEdges {
         if (_is_table)
             return _values[from * _row + to];
         const std::uint64_t key = std::uint64_t{from} << 32 | to;
-        std::uint64_t hash = key * 0x9E3779B97F4A7C15ull;
-        hash ^= hash >> 32;
-        std::size_t slot = static_cast<std::size_t>(hash) & _last;
+        std::size_t slot = EdgeHash{}(key)&_last;
         while (_keys[slot] != key && _keys[slot] != vacant)
             slot = (slot + 1) & _last;
         _keys[slot] = key;

@@ -84,11 +84,11 @@ class TetComplex {
     /// Start: cells with their neighbours, by facet; none where there is none.
     void set_cells(std::vector<Cell> cells, std::vector<Cell> neighbours);
 
-    Triple facet(Index c, int k) const {
-        const Cell &v = _cells[at(c)];
+    static Triple facet_of(const Cell &v, int k) {
         const auto &f = cell_facets[slot(k)];
         return {v[slot(f[0])], v[slot(f[1])], v[slot(f[2])]};
     }
+    Triple facet(Index c, int k) const { return facet_of(_cells[at(c)], k); }
     /// -1 when it is not a corner.
     int corner_of(Index c, Index point) const {
         const Cell &v = _cells[at(c)];

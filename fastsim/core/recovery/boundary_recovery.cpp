@@ -35,9 +35,7 @@ void look(const TetComplex &complex, const FacetTable &table, std::span<const Ce
         return TetComplex::at(c) >= last.size() || last[TetComplex::at(c)] != complex.cell(c);
     };
     const auto mark = [&](const Cell &cell, int k, char value) {
-        const auto &f = cell_facets[TetComplex::at(k)];
-        const Index found = table.find(
-            {cell[TetComplex::at(f[0])], cell[TetComplex::at(f[1])], cell[TetComplex::at(f[2])]});
+        const Index found = table.find(TetComplex::facet_of(cell, k));
         if (found != none)
             is_there[TetComplex::at(found)] = value;
     };

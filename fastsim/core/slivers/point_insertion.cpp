@@ -110,9 +110,7 @@ void PointInsertion::fill_star() {
                 _reach, std::abs(_complex.points[TetComplex::at(w.facet[0])][i] - place()[i]));
     _star.clear(_reach, _complex.wanted_altitude / quality_at_wanted_altitude);
     for (const Wall &w : _walls)
-        _star.add(_complex.points[TetComplex::at(w.facet[0])],
-                  _complex.points[TetComplex::at(w.facet[1])],
-                  _complex.points[TetComplex::at(w.facet[2])]);
+        _star.add(_complex, w.facet);
 }
 
 /// Pattern search for the place; the worst quality there.

@@ -238,11 +238,8 @@ class SliverRemoval {
         }
         reach = std::sqrt(reach);
         _star.clear(reach, _complex.wanted_altitude / quality_at_wanted_altitude);
-        for (const Index c : _cells) {
-            const Triple f = _complex.facet(c, _complex.corner_of(c, point));
-            _star.add(_complex.points[TetComplex::at(f[0])], _complex.points[TetComplex::at(f[1])],
-                      _complex.points[TetComplex::at(f[2])]);
-        }
+        for (const Index c : _cells)
+            _star.add(_complex, _complex.facet(c, _complex.corner_of(c, point)));
         double best = before;
         Point best_place = start;
         const auto try_place = [&](const Point &candidate, std::size_t &culprit) {

@@ -2,7 +2,7 @@
 // The cells between one point that may move and the facets around it: what smoothing and the
 // insertion of a point ask about many places of the point.
 
-#include "predicates/predicates.hpp"
+#include "mesher/tet_complex.hpp"
 
 #include <array>
 #include <cstddef>
@@ -17,6 +17,12 @@ class Star {
     void clear(double scale, double altitude);
     /// A facet; with the point behind it, seen counter-clockwise from beyond, its cell is positive.
     void add(const Point &a, const Point &b, const Point &c);
+    void add(const TetComplex &complex, const Triple &facet) {
+        const auto at = [&](std::size_t k) -> const Point & {
+            return complex.points[TetComplex::at(facet[k])];
+        };
+        add(at(0), at(1), at(2));
+    }
     std::size_t size() const { return _size; }
 
     /// Worst quality (as cell_quality) with the point at a place; some value not above `floor` as

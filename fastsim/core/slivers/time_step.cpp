@@ -218,9 +218,7 @@ class TimeStep {
         _star.clear(reach, 0.0);
         for (const Triple &f : _facets)
             if (f[0] != without && f[1] != without && f[2] != without)
-                _star.add(_complex.points[TetComplex::at(f[0])],
-                          _complex.points[TetComplex::at(f[1])],
-                          _complex.points[TetComplex::at(f[2])]);
+                _star.add(_complex, f);
     }
 
     /// Whether the star's cells at a place have longer steps than `best`, which is raised to them,

@@ -5,8 +5,6 @@
 #include "mesher/flips.hpp"
 #include "mesher/watch.hpp"
 
-#include <cstddef>
-
 namespace fastsim {
 
 /// Lengthens the stable step of the worst cell, up to what the thinnest facet of the boundary
