@@ -27,8 +27,8 @@ from palpate.meshes.tri_surface import TriSurface
 # No copy takes longer than this [s]; reading a small file takes a few milliseconds.
 LONGEST = 5
 # The same where VTK tries what meshio refuses: a busy machine takes some seconds to start it, and
-# 300 are given to it. So by day a .vtk is cut where a section begins and at every so many bytes.
-LONGEST_OF_VTK, STEP_OF_VTK = 60, 131
+# 300 are given to it. So a .vtk is cut where a section begins and at every so many bytes.
+LONGEST_OF_VTK, STEP_OF_VTK, STEP_AT_NIGHT = 60, 131, 3
 READ = """
 import re, signal
 from pathlib import Path
@@ -99,8 +99,11 @@ KINDS = [
 ]
 
 
-# By night a .vtk is cut at every byte.
-AT_NIGHT = [pytest.param(*kind, 1, marks=pytest.mark.nightly) for kind in KINDS if ".vtk" in kind]
+AT_NIGHT = [
+    pytest.param(*kind, STEP_AT_NIGHT, marks=pytest.mark.nightly)
+    for kind in KINDS
+    if ".vtk" in kind
+]
 BY_DAY = [(*kind, STEP_OF_VTK if ".vtk" in kind else 1) for kind in KINDS]
 
 
