@@ -194,7 +194,8 @@ class _Watch:
 
     def __call__(self, cubes: int) -> None:
         self.require_time("wrapping the surface")
-        self.percent(self.stage, cubes / self.num_cubes)
+        # What is tiny beside the cubes takes 0 of them in floating-point numbers.
+        self.percent(self.stage, cubes / max(self.num_cubes, 1.0))
 
 
 def _grid(points: Points, facets: Indices, spacing: float, watch: _Watch) -> TriSurface:

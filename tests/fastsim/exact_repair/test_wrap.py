@@ -79,6 +79,8 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
     sheet = TriSurface(BALL.points, BALL.facets[BALL.points[BALL.facets, 2].min(axis=1) > 0.9])
     with pytest.raises(WrapError, match="enclose nothing"):
         wrap_surface(sheet, distance=0.2)
+    with pytest.raises(WrapError, match="enclose nothing"):
+        wrap_surface(BALL, distance=1e170)  # so coarse that the number of cubes is 0.0
     with pytest.raises(WrapError, match=r"about 3\.\de\+19 cubes.* 0\.00\d+ m would do"):
         wrap_surface(BALL, distance=1e-9)
     with pytest.raises(EmptySurfaceError):
