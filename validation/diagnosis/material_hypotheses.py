@@ -171,7 +171,7 @@ def _material_words(
     if has_forces and names:
         return ", or ".join([*names, *plain]), 1
     if has_forces and plain:
-        return plain[0], 2
+        return ", or ".join(plain), 2
     if lmbda + mu == 0.0:
         return f"lmbda {lmbda:.6g} Pa and mu {mu:.6g} Pa", 3
     E, nu = mu * (3.0 * lmbda + 2.0 * mu) / (lmbda + mu), 0.5 * lmbda / (lmbda + mu)

@@ -290,7 +290,7 @@ def _require_own_labels(tracks: Tracks) -> None:
 
 
 def _length(vectors: Points) -> Floats:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
+    return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
 def fit_frame(file: str, stated: Mapping[str, Points], measured: Mapping[str, Points], *,

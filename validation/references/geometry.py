@@ -38,7 +38,7 @@ from palpate.validation.case import Case
 from palpate.validation.metrics import Part, measure, stress_integrals
 from palpate.validation.metrics.numbers import reaction, strain_energy
 from palpate.validation.metrics.stress import resultant, scale_of_force
-from palpate.validation.references.adaptive_truth import ENERGY, TruthRequest, whole_metrics
+from palpate.validation.references.adaptive_truth import DEGREE, ENERGY, TruthRequest, whole_metrics
 from palpate.validation.references.bars import GEOMETRY, PARTS, BarParts, as_record
 from palpate.validation.references.motions import difference, truth_metrics
 from palpate.validation.references.reference_set import ReferenceSet, StateKey
@@ -190,7 +190,7 @@ def geometry_part(
     body = TrueBody("", refine_problem(problem), (refine_along(problem.mesh, parts),), OF_CHORDS)
     others = [(mesh, dataclasses.replace(body.base, mesh=mesh)) for mesh in body.others]
     end = time.monotonic() + TIME_LIMIT
-    pair = _Pair(problem, body, others, 2, near.strain, near, progress, end)
+    pair = _Pair(problem, body, others, DEGREE, near.strain, near, progress, end)
     return _of_motion(pair) if problem.time is not None else _of_statics(pair, {})
 
 

@@ -15,6 +15,7 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import builtin_cases
 from palpate.validation.judging import expectation
 from palpate.validation.judging.expectation import (
+    errors_of,
     expected_toml,
     read_expected,
     unexpected,
@@ -92,6 +93,14 @@ def test_what_is_found_is_what_is_expected(csm1):
 def test_a_change_either_way_is_reported(csm1, verdict, against, changes, words):
     (line,) = unexpected([altered(csm1, verdict, against, changes)], read_expected())
     assert words in line
+
+
+def test_errors_against_a_measurement_are_expected_too(csm1):
+    smoothed = csm1.candidates[-1]
+    markers = {"metric": "markers", "against": "measurement", "element": Element.SMOOTHED}
+    result = altered(csm1, Verdict.PASSED, "truth", {**markers, "value": 0.25})
+    found = errors_of(result, smoothed)
+    assert [error for name, error in found.items() if "markers" in name] == [0.25]
 
 
 def test_who_is_not_known_is_named(csm1):

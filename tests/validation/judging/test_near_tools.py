@@ -7,15 +7,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from bank import made_state
 from judged import case_of, judge, on_same_mesh
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import availability
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
+from palpate.validation.judging.near_tools import _cut
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.stored import MissingReferenceError
-from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
+from palpate.validation.states import CandidateFailedError, Progress, State, Trajectory, Verdict
 
 SMOOTHED = fastsim_candidate(element=Element.SMOOTHED)
 # Between the case's 7.5 mm and the 3.9 mm with which its needs are met, and of fewer cells [m].
@@ -82,6 +84,17 @@ def test_a_case_without_a_check_against_the_truth_is_refused_without_fenicsx() -
     case = dataclasses.replace(case, spec=case.spec.model_copy(update={"check": own}))
     with pytest.raises(MissingReferenceError, match="FEniCSx"):
         judge(case.near_tools(COARSE), candidate=SMOOTHED)
+
+
+def test_a_motion_on_small_cells_is_read_at_the_points_of_the_case_s_mesh() -> None:
+    mesh, finer = case_of("press").problem.mesh, near_tools(COARSE).problem.mesh
+    moves = 1e-3 * np.random.default_rng(7).normal(size=(3, finer.num_points, 3))
+    motion = Trajectory(np.arange(3.0), moves)
+    cut = _cut(made_state(finer, moves[-1], trajectory=motion), mesh, finer)
+    assert cut.trajectory is not None
+    assert mesh.num_points < finer.num_points
+    assert np.array_equal(cut.displacements, moves[:, : mesh.num_points])
+    assert np.array_equal(cut.displacement, moves[-1, : mesh.num_points])
 
 
 @pytest.mark.dolfinx

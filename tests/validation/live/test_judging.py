@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 from judged import case_of, state_of
 
 from palpate.fastsim.errors import BlowUpError
-from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceNotConvergedError
 from palpate.reference.result import LOST
@@ -24,7 +22,6 @@ from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
 from palpate.validation.live.panes import BetweenVertices, Surface, make_panes
 from palpate.validation.live.poses import PoseOfPane
-from palpate.validation.metrics.body import Body
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 
@@ -184,22 +181,11 @@ def crushed(part: float) -> PoseOfPane:
 
 
 def test_a_pose_in_which_the_law_gives_way_is_refused_before_anything_is_solved() -> None:
-    """Confined compression: S_x + (lmbda + 2 mu) l^2 is 0 at l = 1 / sqrt(3) (deformed_state)."""
     nothing = ReferenceSet({}, {}, "", {})
     case, lines = case_of("block"), list[str]()
-    body = Body(case.problem, Strain.GREEN)
-    for part in (0.9, 0.7, 0.5):
-        l2 = part**2
-        # Along x over lmbda + 2 mu; across a shear S_y + mu l^2 over mu.
-        e, lmbda, mu = 0.5 * (l2 - 1.0), body.lmbda, body.mu
-        along, shear = e + l2, lmbda / mu * e + l2
-        least = np.minimum(along, shear)
-        assert body.least_moduli(crushed(part).displacement) == pytest.approx(least, rel=1e-12)
     with pytest.raises(ReferenceFailedError, match=r"in this pose is -\S+ of .* press less deep"):
         verdict.true_references(case, [crushed(0.5)], nothing, lines.append)
     assert lines == []
-    stiff = replace(case.problem, material=replace(case.problem.material, law=Law.NEO_HOOKEAN))
-    assert (Body(stiff, Strain.GREEN).least_moduli(crushed(0.5).displacement) == 1.0).all()
 
 
 def test_a_body_too_large_for_a_live_truth_is_refused_with_the_limit_and_what_to_do(

@@ -112,6 +112,19 @@ def test_what_damping_takes_is_counted() -> None:
     assert impulse_balance(damped, state).value < 1e-12
 
 
+def test_a_strain_that_changes_evenly_leaves_no_doubt_of_what_damping_takes() -> None:
+    # Of 45 intervals one is left over when they are taken in twos: the first, before anything.
+    assert BAR.time is not None
+    span = replace(BAR.time, num_outputs=45, stiffness_damping=1e-3)
+    problem, times = replace(BAR, time=span), span.output_times
+    since = np.clip(times - times[1], 0.0, None)[:, None, None]
+    displacements = -SPEED * since * BAR.mesh.points * [1.0, 0.0, 0.0]
+    state = replace(with_states(displacements, None), trajectory=Trajectory(times, displacements))
+    found = energy_balance(problem, state)
+    assert found.value > 0.0
+    assert found.doubt < 1e-12
+
+
 def test_a_result_on_a_mesh_of_its_own_is_measured_there() -> None:
     dropped = load_case("drop").problem
     assert dropped.time is not None

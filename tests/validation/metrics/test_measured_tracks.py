@@ -192,6 +192,8 @@ def test_the_scatter_of_runs_is_that_of_their_noise() -> None:
     # Of 1500 degrees of freedom, it is known to 1 / sqrt(3000) = 1.8 %: four times that.
     assert found.uncertainty == pytest.approx(0.1 / np.sqrt(2.0), rel=4 * 0.018)
     assert found.mean == pytest.approx(runs.mean(axis=0), rel=1e-15)
+    third = 3.0 * runs.mean(axis=0) - runs.sum(axis=0)
+    assert mean_of_runs([*runs, third]).degrees == 3000
     with pytest.raises(InputError, match="state the uncertainty"):
         mean_of_runs([runs[0]])
 

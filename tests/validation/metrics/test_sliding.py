@@ -15,7 +15,7 @@ from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.difference import Difference
-from palpate.validation.metrics.sliding import slides
+from palpate.validation.metrics.sliding import slides, unfit
 from palpate.validation.references.motions import assess_sequence
 from palpate.validation.states import State, Trajectory
 
@@ -54,6 +54,7 @@ def test_a_slide_is_what_follows_the_press_at_right_angles() -> None:
     assert slide.outputs.tolist() == [3, 4, 5, 6]
     assert slide.outward == pytest.approx([0.0, 0.0, 1.0])
     assert slide.ways == pytest.approx(np.tile([1.0, 0.0, 0.0], (4, 1)))
+    assert unfit(PROBLEM) == ""
 
 
 def test_ripple_is_range_over_mean() -> None:
@@ -122,6 +123,17 @@ def test_two_tools_have_the_worst_of_both() -> None:
     both = dataclasses.replace(EVEN, tool_forces=np.concatenate([even, one]))
     theirs = dataclasses.replace(EVEN, tool_forces=np.concatenate([even, even]))
     assert error("force_ripple", both, theirs, problem).value == pytest.approx(0.7 / 4.0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_force_of_fewer_tools_than_there_are_fails(count: int) -> None:
+    still = RigidTool(SphereShape(1.0), ToolPath([0.0], [DOWN_AND_ALONG[0]]))
+    problem = dataclasses.replace(PROBLEM, tools=(still, still, *PROBLEM.tools))
+    whole = np.repeat(np.array(EVEN.tool_forces), 3, axis=0)
+    theirs = dataclasses.replace(EVEN, tool_forces=whole)
+    assert error("force_ripple", theirs, theirs, problem).value == 0.0
+    fewer = dataclasses.replace(EVEN, tool_forces=whole[:count])
+    assert error("force_ripple", fewer, theirs, problem).value == math.inf
 
 
 @pytest.mark.parametrize(

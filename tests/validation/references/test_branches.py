@@ -22,6 +22,7 @@ from palpate.validation.metrics import make_state
 from palpate.validation.references import statics
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest
 from palpate.validation.references.branches import (
+    _same_vectors,
     load_over_critical,
     mirror_images,
     says_of_branches,
@@ -80,6 +81,13 @@ def test_the_images_are_those_that_box_and_loads_allow():
     assert names(problem) == set(along)
     # A side force of a tenth of the axial one prefers a side: one mirror plane is left.
     assert names(column(1.3, sideways=0.1)) == {along[0]}
+
+
+def test_forces_whose_sum_has_no_mirror_image_are_no_image_of_themselves():
+    # At the centre, where their moments say nothing.
+    at, mirror = np.zeros((1, 3)), np.diag([-1.0, 1.0, 1.0])
+    assert _same_vectors(at, np.array([[0.0, 1.0, 2.0]]), mirror)
+    assert not _same_vectors(at, np.array([[1.0, 0.0, 0.0]]), mirror)
 
 
 def test_equal_sides_may_change_places():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bank import made_state
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.validation.case import load_case
 from palpate.validation.metrics import measure
 from palpate.validation.references import motions, runs
@@ -73,6 +73,15 @@ def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -
     assert apart <= bars["tool_force"].whole <= 5.0 * apart
     assert bars["tool_force"].time > 0.0
     assert set(details) == {"time", "mesh", "cells", "steps_per_output"}
+
+
+@pytest.mark.parametrize(("steps", "every"), [(10.0, 10), (10.3, 11)])
+def test_outputs_between_steps_become_the_steps(steps: float, every: int) -> None:
+    span = TimeSpan(1.0, time_step=1.0 / steps, num_outputs=3)
+    freely = dataclasses.replace(PROBLEM, time=span, tools=())
+    found = runs.at_every_step(freely).time
+    assert found is not None
+    assert (found.num_outputs, found.end_time) == (every, pytest.approx(every / steps))
 
 
 def test_a_live_static_truth_has_a_bar_for_the_force_on_a_tool() -> None:
