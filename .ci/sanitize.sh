@@ -41,5 +41,6 @@ if [ -n "${FUZZ_SECONDS:-}" ]; then
 fi
 # dolfinx brings an MPI that the sanitizers do not like; nightly tests have limits of time that a
 # build for sanitizers does not meet.
-"${under[@]}" -m pytest -q -p no:cacheprovider \
+# A finding ends the process at once: what it prints would be lost in what pytest has captured.
+"${under[@]}" -m pytest -q --capture=sys -p no:cacheprovider \
     -m "not dolfinx and not slow and not nightly" --ignore=tests/fastsim/gpu --timeout 1200 "${@:-tests/fastsim}"

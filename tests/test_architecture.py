@@ -289,7 +289,7 @@ LINES = {
         "Python, guesses of `init` that are solved; cases that state measurements, palpate fit",
     ),
     "tests": (
-        66530,
+        66540,
         "issue 39: truths of what is judged; "
         "issue 37: the cells that decide the time step; text at once as word by word; "
         "issue 37: walls pushed back, bodies united, keys of points, zlib's level, plain shells; "

@@ -22,7 +22,8 @@ Multirate<Real>::Multirate(const ElasticBody &body, const PointRecords &records,
                            const KernelChoice<Real> &kernel, std::span<const Index> class_of,
                            Index last, const Motion<Real> &motion)
     : _per_mass(records.padded_size(), Real(0)), _frozen(records.padded_size(), Real(0)),
-      _mean(records.padded_size(), Real(0)), _part(Real(1) / static_cast<Real>(Index{1} << last)) {
+      _mean(records.padded_size(), Real(0)), _is_smoothed(body.patches.has_value()),
+      _part(Real(1) / static_cast<Real>(Index{1} << last)) {
     const std::vector<Index> finest = finest_at_points(body, class_of);
     for (Index k = 1; k <= last; ++k) {
         const auto count = std::ranges::count_if(finest, [&](Index of) { return of >= k; });

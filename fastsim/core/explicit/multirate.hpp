@@ -87,7 +87,7 @@ template <typename Real> class Multirate {
     std::vector<Level> _levels;    // of classes 1, 2, ...
     AlignedVector<Real> _per_mass; // by entry; 0 where held
     AlignedVector<Real> _frozen, _mean;
-    bool _is_smoothed;
+    bool _is_smoothed; // cells of a class are strained by points of others
     Real _least = 1;
     // Of the tools in this step.
     RigidTools<Real> *_tools = nullptr;
