@@ -9,6 +9,12 @@ from pathlib import Path
 
 import pytest
 
+# Code that prints the largest memory of its process [B]. Not getrusage's: that is at least that of
+# the process it was started from.
+PRINT_MOST_MEMORY = """
+with open("/proc/self/status", encoding="ascii") as status:
+    print(1024 * int(status.read().split("VmHWM:")[1].split()[0]))
+"""
 _LIMITED = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_AS, ({most}, {most}))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from limits import PRINT_MOST_MEMORY
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
@@ -163,7 +164,6 @@ def test_checker_finds_a_cell_that_is_missing_at_the_hull() -> None:
 def test_a_point_that_every_facet_sees_takes_memory_for_the_facets_alone() -> None:
     """A body with a dense surface and a coarse inside; a table of all pairs of corners had 4 GB."""
     code = """
-from pathlib import Path
 import numpy as np
 from palpate.fastsim.mesher import delaunay
 points = np.random.default_rng(5).normal(size=(25000, 3))
@@ -171,10 +171,8 @@ points /= np.linalg.norm(points, axis=1, keepdims=True)
 near_the_centre = [[1e-3, -1e-3, -1e-3]]  # where it is among the last that are inserted
 cells, _ = delaunay(np.vstack([points, near_the_centre]))
 print(len(cells), (cells == 25000).any(axis=1).all())
-status = Path("/proc/self/status").read_text()
-print(1024 * int(status.split("VmHWM:")[1].split()[0]))  # getrusage has that of the parent, too
 """
-    command = [sys.executable, "-c", code]
+    command = [sys.executable, "-c", code + PRINT_MOST_MEMORY]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120.0, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     *found, most = done.stdout.split()
